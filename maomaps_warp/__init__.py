@@ -1,0 +1,1 @@
+"""Measure how good the maps of visual SLAM are."""

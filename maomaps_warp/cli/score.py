@@ -1,0 +1,199 @@
+"""`maomaps-warp score`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from maomaps_warp.io.sources import Side, Source, SourceOptions
+    from maomaps_warp.model.camera import Camera
+    from maomaps_warp.pipeline import ScoredRun
+    from maomaps_warp.protocol import Protocol
+    from maomaps_warp.stopwatch import Stopwatch
+
+_Topics = Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="A bag's topic to use; repeatable.")]
+_Format = Annotated[str, typer.Option(help="Read the input as this format instead of recognising it.")]
+_PoseFrame = Annotated[
+    Literal["auto", "optical", "body"],
+    typer.Option(help="Whose poses the input holds: the camera's (z forward) or the robot's (x forward, z up)."),
+]
+
+
+def score(
+    directory: Annotated[
+        Path | None,
+        typer.Argument(help="Directory with gt_points.txt, gt_poses.txt, slam_points.txt, slam_poses.txt."),
+    ] = None,
+    gt: Annotated[Path | None, typer.Option(help="Ground truth: bag, folder, map or trajectory.")] = None,
+    est: Annotated[Path | None, typer.Option(help="Estimate: bag, folder, map or trajectory.")] = None,
+    gt_map: Annotated[Path | None, typer.Option(help="Ground-truth map, instead of that of --gt.")] = None,
+    gt_trajectory: Annotated[Path | None, typer.Option(help="Ground-truth trajectory, likewise.")] = None,
+    est_map: Annotated[Path | None, typer.Option(help="Estimated map, instead of that of --est.")] = None,
+    est_trajectory: Annotated[Path | None, typer.Option(help="Estimated trajectory, likewise.")] = None,
+    run: Annotated[Literal["first", "second"] | None, typer.Option(help="Run of a MAOMaps sample directory.")] = None,
+    gt_topic: _Topics = None,
+    est_topic: _Topics = None,
+    gt_format: _Format = "auto",
+    est_format: _Format = "auto",
+    gt_pose_frame: _PoseFrame = "auto",
+    est_pose_frame: _PoseFrame = "auto",
+    protocol: Annotated[
+        str, typer.Option(help="maomaps, paper, slam_comparison, or a .toml file; see `explain`.")
+    ] = "maomaps",
+    align: Annotated[
+        Literal["none", "origin", "start-pose", "yaw", "se3", "sim3"] | None,
+        typer.Option(help="Transform of the estimate, found from the trajectories.", show_default="none"),
+    ] = None,
+    yaw_correction: Annotated[
+        float | None, typer.Option(metavar="RAD", help="Added to the yaw of --align start-pose.")
+    ] = None,
+    match: Annotated[
+        Literal["interpolate", "nearest"] | None,
+        typer.Option(help="Ground truth at the estimate's stamps.", show_default="interpolate"),
+    ] = None,
+    max_stamp_gap: Annotated[
+        float | None, typer.Option(metavar="S", help="Largest gap.", show_default="0.2 or, for nearest, 0.01")
+    ] = None,
+    t_offset: Annotated[
+        float | None, typer.Option(metavar="S", help="Added to the estimate's stamps.", show_default="0")
+    ] = None,
+    pose_choice: Annotated[
+        Literal["nearest", "first", "last", "all"] | None,
+        typer.Option(help="Which of the poses that see an element.", show_default="nearest"),
+    ] = None,
+    camera: Annotated[str | None, typer.Option(help="320x240@90, WxH:fx,fy,cx,cy, or a ROS calibration YAML.")] = None,
+    voxel_size: Annotated[float | None, typer.Option(metavar="M", help="Edge of a voxel.", show_default="0.05")] = None,
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda:N.")] = "auto",
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
+    correspondences: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write gx gy gz sx sy sz a line, or .npz with everything."),
+    ] = None,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """Score a SLAM run: ATE, RPE, AME by nearest neighbour and AME along transferred camera rays.
+
+    Give both sides: --gt X --est Y, or their parts (--gt-map, --gt-trajectory, --est-map, --est-trajectory), or the
+    original program's DIRECTORY. Exit code 2: an input cannot be used. 3: a metric that was asked for has no data.
+    """
+    from maomaps_warp.cli.terminal import progress_clock, user_errors
+    from maomaps_warp.errors import InputError
+    from maomaps_warp.io.outputs import check_writable
+    from maomaps_warp.io.sources import SourceOptions
+
+    options = {
+        "align": align,
+        "yaw_correction": yaw_correction,
+        "match": match,
+        "max_stamp_gap": max_stamp_gap,
+        "t_offset": t_offset,
+        "pose_choice": pose_choice,
+        "voxel_size": voxel_size,
+    }
+    with user_errors(debug):
+        for output in (json_file, correspondences):
+            if output is not None:
+                check_writable(output)
+        rules = _protocol(protocol, options)
+        lens = _camera(camera)
+        gt_options = SourceOptions(run, tuple(gt_topic or ()), gt_format, gt_pose_frame, lens)
+        est_options = SourceOptions(run, tuple(est_topic or ()), est_format, est_pose_frame, lens)
+        parts = (gt, est, gt_map, gt_trajectory, est_map, est_trajectory)
+        if directory is not None and any(part is not None for part in parts):
+            raise InputError(directory, "given beside --gt or --est", "give the directory alone, or only options")
+        with progress_clock() as clock:
+            with clock.stage("read"):
+                if directory is not None:
+                    gt_source, est_source = _open_directory(directory, gt_options)
+                else:
+                    gt_source = _open_side("gt", gt, gt_map, gt_trajectory, gt_options)
+                    est_source = _open_side("est", est, est_map, est_trajectory, est_options)
+            scored = run_pipeline(gt_source, est_source, rules, lens, device, clock)
+        report(scored, json_file, correspondences)
+
+
+def run_pipeline(
+    gt: Source, est: Source, protocol: Protocol, camera: Camera | None, device: str, clock: Stopwatch
+) -> ScoredRun:
+    """Score two opened sources; Warp is made quiet first if there are maps to compare."""
+    from maomaps_warp import pipeline
+    from maomaps_warp.cli.terminal import quiet_warp
+
+    if all(source.cloud or source.frames for source in (gt, est)):
+        quiet_warp()
+    return pipeline.score(gt, est, protocol, camera=camera, device=device, clock=clock)
+
+
+def report(scored: ScoredRun, json_file: Path | None, correspondences: Path | None) -> None:
+    """Print a score and write its files; exits with 3 if a metric that was asked for has no data."""
+    from maomaps_warp.cli.terminal import EXIT_NO_SCORE, complain, console
+    from maomaps_warp.errors import NoScoreError
+    from maomaps_warp.io.correspondences import write_correspondences
+    from maomaps_warp.io.outputs import write_whole
+    from maomaps_warp.report.json_report import score_document
+    from maomaps_warp.report.text import score_tables
+
+    out = console()
+    for part in score_tables(scored.score):
+        out.print(part, soft_wrap=isinstance(part, str))
+    if json_file is not None:
+        with write_whole(json_file, "w") as file:
+            json.dump(score_document(scored.score), file, indent=2, allow_nan=False)
+            file.write("\n")
+    if correspondences is not None:
+        if scored.correspondences is None or scored.poses is None:
+            raise NoScoreError("--correspondences: there are none, it takes two maps and two trajectories")
+        write_correspondences(
+            correspondences,
+            scored.correspondences,
+            scored.poses.T_world_camera_est,
+            scored.poses.T_world_camera_gt,
+        )
+    if scored.score.failures:
+        for reason in scored.score.failures:
+            complain(reason)
+        raise typer.Exit(EXIT_NO_SCORE)
+
+
+def _protocol(name: str, options: dict[str, Any]) -> Protocol:
+    from maomaps_warp.protocol import load_protocol, with_overrides
+
+    given = {field: value for field, value in options.items() if value is not None}
+    protocol = load_protocol(name)
+    for field, value in given.items():
+        protocol = with_overrides(protocol, {field: value}, "--" + field.replace("_", "-"))
+    return protocol
+
+
+def _camera(spec: str | None) -> Camera | None:
+    from maomaps_warp.io.cameras import parse_camera
+
+    return None if spec is None else parse_camera(spec)
+
+
+def _open_side(
+    side: Side,
+    whole: Path | None,
+    map_part: Path | None,
+    trajectory_part: Path | None,
+    options: SourceOptions,
+) -> Source:
+    from maomaps_warp.errors import InputError
+    from maomaps_warp.io.sources import open_source, source_from_parts
+
+    if whole is not None:
+        return open_source(whole, options, side, map_path=map_part, trajectory_path=trajectory_part)
+    if map_part is None and trajectory_part is None:
+        name = "ground truth" if side == "gt" else "estimate"
+        raise InputError(f"--{side}", f"no {name} given", f"--{side}, or --{side}-map and --{side}-trajectory")
+    return source_from_parts(map_part, trajectory_part, options, side)
+
+
+def _open_directory(directory: Path, options: SourceOptions) -> tuple[Source, Source]:
+    from maomaps_warp.io.sources import open_original_directory
+
+    return open_original_directory(directory, options)

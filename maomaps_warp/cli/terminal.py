@@ -1,0 +1,91 @@
+"""What every command shares: errors to exit codes, progress bars, a quiet Warp."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+from maomaps_warp.errors import MaomapsError, NoScoreError
+from maomaps_warp.stopwatch import Stopwatch
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+EXIT_BAD_INPUT = 2
+EXIT_NO_SCORE = 3
+
+#: Width of tables where there is no terminal to ask, columns.
+_PIPE_WIDTH = 120
+
+
+@contextmanager
+def user_errors(debug: bool) -> Iterator[None]:
+    """Turn the errors a user can cause into one line on stderr and an exit code; `debug` shows the traceback."""
+    try:
+        yield
+    except MaomapsError as error:
+        if debug:
+            traceback.print_exc()
+        complain(str(error))
+        raise typer.Exit(EXIT_NO_SCORE if isinstance(error, NoScoreError) else EXIT_BAD_INPUT) from None
+
+
+def complain(message: str) -> None:
+    """One line on stderr."""
+    print("maomaps-warp: error: " + " ".join(message.split()), file=sys.stderr)
+
+
+def console() -> Console:
+    """Standard output, as wide as the terminal, or as tables need if there is none."""
+    from rich.console import Console
+
+    wide = Console(highlight=False, soft_wrap=False)
+    if not wide.is_terminal or wide.width < 100:
+        return Console(highlight=False, width=_PIPE_WIDTH)
+    return wide
+
+
+@contextmanager
+def progress_clock() -> Iterator[Stopwatch]:
+    """A stopwatch whose stages draw progress bars on stderr; silent where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    stderr = Console(stderr=True)
+    if not stderr.is_terminal:
+        yield Stopwatch()
+        return
+    columns = (TextColumn("{task.description:<20}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=stderr, transient=True) as bars:
+        tasks = {}
+
+        def show(stage: str, done: int, total: int | None) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield Stopwatch(show)
+
+
+def quiet_warp() -> None:
+    """Start Warp without its greeting and without the line its C++ prints where there is no CUDA driver."""
+    import os
+
+    import warp as wp
+
+    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_ERROR
+    sys.stderr.flush()
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)

@@ -1,0 +1,1 @@
+"""Readers and writers; none of them imports Warp."""

@@ -1,0 +1,155 @@
+"""RGB-D frames and their camera from the topics of a bag."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.bag_messages import color_of, depth_of, header_stamp_ns
+from maomaps_warp.io.bag_reading import Bag, Topic, open_bag
+from maomaps_warp.io.bag_topics import BagContents, contents_of, describe_bag
+from maomaps_warp.io.cameras import camera_from_info
+from maomaps_warp.model.camera import Camera
+from maomaps_warp.model.frame import Frame, FrameStream
+
+#: A colour image belongs to a depth image if their stamps differ by at most this, ns (TUM's 20 ms).
+MAX_COLOR_GAP_NS = 20_000_000
+_DISORDER_HINT = "stamps must increase; do two nodes publish here, or was the bag played in a loop?"
+#: Images of each kind held back at most while waiting for partners; about half a second of a usual camera.
+MAX_HELD_IMAGES = 16
+
+
+def read_bag_camera(path: Path, *, topics: Sequence[str] = ()) -> Camera | None:
+    """The camera of a bag's depth images, from the first sensor_msgs/CameraInfo that belongs to them.
+
+    Its topic is the one that the user named, else the one in the depth topic's namespace, else the only one.
+
+    Args:
+        path: the bag, of any kind.
+        topics: names that the user gave.
+
+    Returns:
+        The camera, or None if the bag has no camera_info topic.
+
+    Raises:
+        InputError: several candidates (lists them), or a camera that is distorted or not calibrated.
+    """
+    with open_bag(path) as bag:
+        contents = contents_of(bag)
+        contents.check_names(topics)
+        if not contents.camera_infos:
+            return None
+        depth = contents.choose("depths", topics) if contents.depths else None
+        return _camera_for(bag, contents, depth, topics)
+
+
+def read_bag_frames(path: Path, *, topics: Sequence[str] = (), camera: Camera | None) -> FrameStream:
+    """The depth images of a bag, with the colour images that belong to them, as a stream.
+
+    Depth is recognised by its encoding (32FC1 in metres; 16UC1 and mono16 in millimetres; compressedDepth).
+    A depth image takes the colour image of the nearest header stamp, at most MAX_COLOR_GAP_NS away; without
+    such a partner it has no colours. At most MAX_HELD_IMAGES of each wait for partners, so that memory stays
+    flat: colours that were logged later than that many depth images are not joined.
+
+    Args:
+        path: the bag, of any kind.
+        topics: names that the user gave; one of them, or else the only candidate of the bag, is read.
+        camera: the intrinsics; None to take them from the bag's camera_info.
+
+    Raises:
+        InputError: no or several candidates (lists them), no camera; and while reading: damaged images,
+            stamps that are zero or do not increase, images of another size than the camera's.
+    """
+    contents = describe_bag(path)
+    depth = contents.choose("depths", topics)
+    if camera is None:
+        camera = read_bag_camera(path, topics=topics)
+    if camera is None:
+        raise InputError(path, "no camera_info topic to tell the intrinsics", "give --camera (320x240@90, or a file)")
+    intrinsics = camera
+
+    def read(with_colors: bool) -> Iterator[Frame]:
+        color = contents.choose("colors", topics) if with_colors and contents.colors else None
+        return _read_frames(path, depth, color, intrinsics)
+
+    return FrameStream(camera=intrinsics, count=depth.count, read=read, source=f"{path}, topic {depth.name}")
+
+
+def _read_frames(path: Path, depth: Topic, color: Topic | None, camera: Camera) -> Iterator[Frame]:
+    depth_place = f"{path}, topic {depth.name}"
+    last_ns = 0
+    with open_bag(path) as bag:
+        stamped = _stamped(bag, [depth.name] if color is None else [depth.name, color.name])
+        pairs = _joined(stamped, depth.name) if color is not None else ((x, None) for _, *x in stamped)
+        for index, ((stamp_ns, message), partner) in enumerate(pairs):
+            where = f"{depth_place}, message {index + 1}"
+            if stamp_ns <= last_ns:
+                raise InputError(where, f"the stamp {stamp_ns} ns does not follow {last_ns} ns", _DISORDER_HINT)
+            last_ns = stamp_ns
+            image = depth_of(message, where)
+            _check_size(image.shape, camera, where, "the camera", "give the camera of these images with --camera")
+            colors = None
+            if color is not None and partner is not None:
+                color_place = f"{path}, topic {color.name}"
+                colors = color_of(partner, color_place)
+                _check_size(colors.shape[:2], camera, color_place, "the depth", "use registered images")
+            yield Frame(index=index, stamp_ns=stamp_ns, depth=image, colors=colors)
+
+
+def _stamped(bag: Bag, names: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
+    """Topic, header stamp and message of every message of `names`."""
+    counts = dict.fromkeys(names, 0)
+    for name, _, message in bag.messages(names):
+        counts[name] += 1
+        where = f"{bag.path}, topic {name}, message {counts[name]}"
+        yield name, header_stamp_ns(message.header, where), message
+
+
+def _joined(stamped: Iterable[tuple[str, int, Any]], depth_name: str) -> Iterator[tuple[tuple[int, Any], Any | None]]:
+    """Depth messages in their order, each with the colour message of the nearest stamp or None.
+
+    A depth message is settled as soon as a colour message is not older than it: later ones are only farther.
+    """
+    depths: deque[tuple[int, Any]] = deque()
+    colors: deque[tuple[int, Any]] = deque(maxlen=MAX_HELD_IMAGES)
+    for name, stamp_ns, message in stamped:
+        (depths if name == depth_name else colors).append((stamp_ns, message))
+        while depths and (len(depths) > MAX_HELD_IMAGES or (colors and colors[-1][0] >= depths[0][0])):
+            yield depths[0], _nearest(colors, depths.popleft()[0])
+    while depths:
+        yield depths[0], _nearest(colors, depths.popleft()[0])
+
+
+def _nearest(colors: Iterable[tuple[int, Any]], stamp_ns: int) -> Any | None:
+    gap, message = min(
+        ((abs(stamp - stamp_ns), message) for stamp, message in colors),
+        key=lambda pair: pair[0],
+        default=(MAX_COLOR_GAP_NS + 1, None),
+    )
+    return message if gap <= MAX_COLOR_GAP_NS else None
+
+
+def _check_size(shape: tuple[int, ...], camera: Camera, where: str, against: str, hint: str) -> None:
+    if shape != (camera.height, camera.width):
+        raise InputError(where, f"the image is {shape[1]}x{shape[0]}, {against} {camera.width}x{camera.height}", hint)
+
+
+def _camera_for(bag: Bag, contents: BagContents, depth: Topic | None, topics: Sequence[str]) -> Camera:
+    infos = contents.named("camera_infos", topics)
+    if not infos and depth is not None:
+        infos = tuple(x for x in contents.camera_infos if _same_namespace(depth.name, x.name))
+    topic = infos[0] if len(infos) == 1 else contents.choose("camera_infos", topics)
+    return camera_from_info(bag.first_message(topic), f"{bag.path}, topic {topic.name}")
+
+
+def _same_namespace(image: str, info: str) -> bool:
+    """Whether a camera_info topic belongs to an image topic.
+
+    /a/camera_info belongs to /a/image, and to what image_transport makes of it: /a/image/compressedDepth.
+    """
+    namespace = info.rpartition("/")[0]
+    base = image.removesuffix("/compressedDepth").removesuffix("/compressed")
+    return namespace == base.rpartition("/")[0]

@@ -1,0 +1,194 @@
+"""Opening a bag of any kind and streaming its messages."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.bag_decoding import deserialise
+from maomaps_warp.io.bag_errors import bag_errors
+from maomaps_warp.io.bag_sources import BagSource, Channel, open_ros1_bag, open_ros2_folder, open_sqlite_file
+from maomaps_warp.io.mcap_source import MCAP_MAGIC, open_mcap_file
+
+_ROS1_MAGIC = b"#ROSBAG V"
+_SQLITE_MAGIC = b"SQLite format 3\x00"
+_FOLDER_KEY = "rosbag2_bagfile_information"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes:
+        name: as recorded; ROS 1 allows names without a leading slash.
+        type: in ROS 2 notation ("sensor_msgs/msg/Image"), for ROS 1 too.
+        count: messages.
+        encoding: what an image topic's first message states; empty for other topics.
+    """
+
+    name: str
+    type: str
+    count: int
+    encoding: str = ""
+
+    def __str__(self) -> str:
+        count = "1 message" if self.count == 1 else f"{self.count} messages"
+        details = (self.type.replace("/msg/", "/"), self.encoding, count)
+        return f"{self.name} ({', '.join(x for x in details if x)})"
+
+    def is_named(self, name: str) -> bool:
+        """Whether a user who writes `name` means this topic: the leading slash does not matter."""
+        return self.name.strip("/") == name.strip("/")
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """An open bag.
+
+    Attributes:
+        path: where it lies.
+        topics: what it holds, by name.
+        source: its raw messages.
+        repair_hint: how a damaged bag of this kind is repaired, for messages.
+    """
+
+    path: Path
+    topics: tuple[Topic, ...]
+    source: BagSource
+    repair_hint: str
+
+    def messages(self, topics: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
+        """Stream the messages of `topics` in log-time order.
+
+        Types that come with ROS are read by their standard definition, others by the one in the bag.
+
+        Yields:
+            Topic name, log time in ns, and the message, whose fields are named as in its definition (times
+            have sec and nanosec in ROS 1 too).
+
+        Raises:
+            InputError: damaged or missing data, a topic of several types, an unknown definition.
+        """
+        channels = self._channels(topics)
+        for channel, log_ns, data in self._raw(channels):
+            yield channel.topic, log_ns, self._deserialised(channel, data)
+
+    def first_message(self, topic: Topic) -> Any:
+        """The first message of a topic that has some."""
+        for _, _, message in self.messages([topic.name]):
+            return message
+        raise InputError(f"{self.path}, topic {topic.name}", "no messages", self.repair_hint)
+
+    def last_message(self, topic: Topic) -> Any:
+        """The last message of a topic that has some; the ones before it are not deserialised."""
+        newest = deque(self._raw(self._channels([topic.name])), maxlen=1)
+        if not newest:
+            raise InputError(f"{self.path}, topic {topic.name}", "no messages", self.repair_hint)
+        channel, _, data = newest[0]
+        return self._deserialised(channel, data)
+
+    def _channels(self, topics: Sequence[str]) -> list[Channel]:
+        channels = [channel for channel in self.source.channels if channel.topic in topics]
+        for name in topics:
+            types = sorted({channel.type for channel in channels if channel.topic == name})
+            if len(types) > 1:
+                where = f"{self.path}, topic {name}"
+                raise InputError(where, f"several types: {', '.join(types)}", "filter the bag to one of them")
+        return channels
+
+    def _raw(self, channels: Sequence[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+        messages = self.source.raw(channels)
+        missing = sum(channel.count for channel in channels)
+        while True:
+            with bag_errors(self.path, self.repair_hint):
+                item = next(messages, None)
+            if item is None:
+                break
+            missing -= 1
+            yield item
+        if missing > 0:
+            names = ", ".join(sorted({channel.topic for channel in channels}))
+            found = f"{missing} messages that the bag's index counts are not there"
+            raise InputError(f"{self.path}, topic {names}", found, self.repair_hint)
+
+    def _deserialised(self, channel: Channel, data: bytes) -> Any:
+        where = f"{self.path}, topic {channel.topic}"
+        with bag_errors(where, self.repair_hint):
+            return deserialise(channel, data, where)
+
+
+def recognise_bag(path: Path) -> bool:
+    """Whether `path` is a bag, judged by content: a ROS 1 bag, a ROS 2 folder, a lone SQLite or MCAP file.
+
+    A folder of storage files that lost its metadata.yaml counts, so that `open_bag` can say what is wrong.
+    """
+    return _kind_of(path) is not None
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Open a bag of any kind that `recognise_bag` knows.
+
+    Raises:
+        InputError: absent, empty, not a bag, not indexed, or damaged; says how to repair it.
+    """
+    kind = _kind_of(path)
+    if kind is None:
+        raise _not_a_bag(path)
+    opener, hint = kind
+    with ExitStack() as stack:
+        with bag_errors(path, hint):
+            source = opener(path, stack)
+        yield Bag(path, _topics_of(source), source, hint)
+
+
+def _topics_of(source: BagSource) -> tuple[Topic, ...]:
+    counts: dict[tuple[str, str], int] = {}
+    for channel in source.channels:
+        key = (channel.topic, channel.type)
+        counts[key] = counts.get(key, 0) + channel.count
+    return tuple(Topic(name, message_type, count) for (name, message_type), count in sorted(counts.items()))
+
+
+def _kind_of(path: Path) -> tuple[Callable[[Path, ExitStack], BagSource], str] | None:
+    """How the bag at `path` is opened, and how its kind is repaired; None if it is not a bag."""
+    try:
+        if path.is_dir():
+            return (open_ros2_folder, f"repair it with `ros2 bag reindex {path}`") if _is_ros2_folder(path) else None
+        with path.open("rb") as file:
+            head = file.read(len(_SQLITE_MAGIC))
+    except OSError:
+        return None
+    if head.startswith(_ROS1_MAGIC):
+        return open_ros1_bag, f"repair it with `rosbag reindex {path}`"
+    if head.startswith(MCAP_MAGIC):
+        return open_mcap_file, f"repair it with `mcap recover {path} -o recovered.mcap`"
+    if head == _SQLITE_MAGIC:
+        return open_sqlite_file, "repair it with `ros2 bag reindex` on its folder"
+    return None
+
+
+def _is_ros2_folder(path: Path) -> bool:
+    metadata = path / "metadata.yaml"
+    if metadata.is_file():
+        return _FOLDER_KEY in metadata.read_text(encoding="utf-8", errors="replace")
+    return any(x.suffix in (".db3", ".mcap") for x in path.iterdir())
+
+
+def _not_a_bag(path: Path) -> InputError:
+    kinds = "a bag is a ROS 1 .bag, a ROS 2 folder with metadata.yaml, a .db3 or an .mcap"
+    if not path.exists():
+        return InputError(path, "no such file", kinds)
+    if path.is_dir():
+        return InputError(path, "a folder without a ROS 2 metadata.yaml", kinds)
+    try:
+        with path.open("rb") as file:
+            empty = not file.read(1)
+    except OSError as error:
+        return InputError(path, f"cannot be opened: {error.strerror}")
+    return InputError(path, "the file is empty" if empty else "not a bag", kinds)

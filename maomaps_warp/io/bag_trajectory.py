@@ -1,0 +1,174 @@
+"""Trajectories from the topics of a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.bag_messages import header_stamp_ns
+from maomaps_warp.io.bag_reading import Bag, Topic, open_bag
+from maomaps_warp.io.bag_topics import contents_of
+from maomaps_warp.io.rotations import T_BODY_CAMERA, checked_quaternions, matrices_from_quaternions, poses
+from maomaps_warp.model.trajectory import Trajectory
+
+_PATH = "nav_msgs/msg/Path"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+
+#: Where each type keeps its position and its orientation.
+_PARTS: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    "geometry_msgs/msg/PoseStamped": lambda m: (m.pose.position, m.pose.orientation),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: (m.pose.pose.position, m.pose.pose.orientation),
+    "geometry_msgs/msg/TransformStamped": lambda m: (m.transform.translation, m.transform.rotation),
+    _ODOMETRY: lambda m: (m.pose.pose.position, m.pose.pose.orientation),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Poses:
+    """Poses as recorded.
+
+    Attributes:
+        stamps_ns: (N,) int64, ns.
+        values: (N, 7) float64, x y z in metres and qx qy qz qw.
+        frame_id, child_frame_id: the frames' names.
+        notes: for the user.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+    frame_id: str
+    child_frame_id: str
+    notes: tuple[str, ...] = ()
+
+
+def read_bag_trajectory(
+    path: Path, *, topics: Sequence[str] = (), pose_frame: Literal["auto", "optical", "body"] = "auto"
+) -> Trajectory:
+    """Read the trajectory of a bag.
+
+    Args:
+        path: the bag, of any kind.
+        topics: names that the user gave; one of them, or else the only candidate of the bag, is read.
+            Candidates are nav_msgs/Path (its last message that holds poses), nav_msgs/Odometry, and
+            geometry_msgs/PoseStamped, PoseWithCovarianceStamped and TransformStamped.
+        pose_frame: what the poses are of: the camera's optical frame, or a body (x forward, y left, z up) in
+            whose origin the camera looks forward. "auto" takes Odometry whose child_frame_id does not contain
+            "optical" for a body, everything else for optical.
+
+    Returns:
+        Poses with the stamps of the headers; the log times are not used.
+
+    Raises:
+        InputError: no or several candidates (lists them); stamps that are zero, fall or repeat; positions
+            that are not finite; quaternions whose norm is not 1; changing frames. Tells the message's number.
+    """
+    with open_bag(path) as bag:
+        topic = contents_of(bag).choose("poses", topics)
+        recorded = _read_path(bag, topic) if topic.type == _PATH else _read_messages(bag, topic)
+    where = f"{path}, topic {topic.name}"
+    item = "pose" if topic.type == _PATH else "message"
+
+    def place(row: int) -> str:
+        return f"{where}, {item} {row + 1}"
+
+    _check_positions(recorded, place)
+    keep, notes = _checked_order(recorded, place)
+    quaternions = checked_quaternions(recorded.values[:, 3:], place)[keep]
+    T_world_pose = poses(recorded.values[keep, :3], matrices_from_quaternions(quaternions))
+    child = recorded.child_frame_id
+    is_body = _is_body(pose_frame, topic, child)
+    if is_body:
+        body = f"the body {child!r}" if child else "a body"
+        notes += (f"{topic.name}: the poses of {body} (x forward, y left, z up) were turned into optical ones",)
+    return Trajectory(
+        T_world_camera=T_world_pose @ T_BODY_CAMERA if is_body else T_world_pose,
+        stamps_ns=recorded.stamps_ns[keep],
+        source=where,
+        frame_id=recorded.frame_id,
+        notes=recorded.notes + notes,
+    )
+
+
+def _read_messages(bag: Bag, topic: Topic) -> _Poses:
+    messages = (message for _, _, message in bag.messages([topic.name]))
+    return _collect(messages, _PARTS[topic.type], f"{bag.path}, topic {topic.name}, message")
+
+
+def _read_path(bag: Bag, topic: Topic) -> _Poses:
+    """The last nav_msgs/Path that holds poses: each message repeats the whole path so far."""
+    message = bag.last_message(topic)
+    notes = (f"{topic.name}: the last of {topic.count} paths is used",) if topic.count > 1 else ()
+    if not len(message.poses):
+        # A reset ends the recording with an empty path; only then is it worth to deserialise them all.
+        for number, (_, _, candidate) in enumerate(bag.messages([topic.name]), start=1):
+            if len(candidate.poses):
+                message = candidate
+                notes = (f"{topic.name}: path {number} of {topic.count} is used, the later ones are empty",)
+    where = f"{bag.path}, topic {topic.name}"
+    if not len(message.poses):
+        raise InputError(where, f"none of its {topic.count} paths holds a pose")
+    found = _collect(iter(message.poses), _PARTS["geometry_msgs/msg/PoseStamped"], f"{where}, pose")
+    return _Poses(found.stamps_ns, found.values, message.header.frame_id or found.frame_id, "", notes)
+
+
+def _collect(messages: Iterator[Any], parts: Callable[[Any], tuple[Any, Any]], place: str) -> _Poses:
+    """Stamps and poses of messages; `place` is completed by the number of the message."""
+    stamps: list[int] = []
+    values: list[tuple[float, ...]] = []
+    frames: tuple[str, str] | None = None
+    for number, message in enumerate(messages, start=1):
+        where = f"{place} {number}"
+        stamps.append(header_stamp_ns(message.header, where))
+        p, q = parts(message)
+        values.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+        these = (message.header.frame_id, getattr(message, "child_frame_id", ""))
+        if frames is None:
+            frames = these
+        if these != frames:
+            names = [" -> ".join(filter(None, pair)) for pair in (frames, these)]
+            raise InputError(where, f"the frame changes from {names[0]!r} to {names[1]!r}", "use a topic of one frame")
+    frame_id, child_frame_id = frames or ("", "")
+    return _Poses(
+        np.array(stamps, dtype=np.int64),
+        np.array(values, dtype=np.float64).reshape(-1, 7),
+        frame_id,
+        child_frame_id,
+    )
+
+
+def _check_positions(recorded: _Poses, place: Callable[[int], str]) -> None:
+    bad = np.flatnonzero(~np.isfinite(recorded.values[:, :3]).all(axis=1))
+    if len(bad):
+        more = f"; {len(bad)} of {len(recorded.values)} are so" if len(bad) > 1 else ""
+        raise InputError(place(int(bad[0])), "the position is not finite" + more, "remove such poses")
+
+
+def _checked_order(recorded: _Poses, place: Callable[[int], str]) -> tuple[NDArray[np.intp], tuple[str, ...]]:
+    """Rows to keep, and a note on the dropped: a pose published twice is harmless, other disorder is not."""
+    steps = np.diff(recorded.stamps_ns)
+    repeated = (steps == 0) & (recorded.values[1:] == recorded.values[:-1]).all(axis=1)
+    bad = np.flatnonzero((steps <= 0) & ~repeated)
+    if len(bad):
+        row = int(bad[0])
+        what = "repeats, with another pose" if steps[row] == 0 else f"is {-steps[row] * 1e-9:.9f} s before the last"
+        more = f"; {len(bad)} stamps are so" if len(bad) > 1 else ""
+        raise InputError(
+            place(row + 1),
+            f"the stamp {recorded.stamps_ns[row + 1]} ns {what}{more}",
+            "stamps must increase; do two nodes publish here, or was the bag played in a loop?",
+        )
+    dropped = int(repeated.sum())
+    notes = (f"{dropped} poses that repeat the one before them, stamp and all, were dropped",) if dropped else ()
+    return np.flatnonzero(np.concatenate([[True], ~repeated])), notes
+
+
+def _is_body(pose_frame: str, topic: Topic, child_frame_id: str) -> bool:
+    if pose_frame == "auto":
+        return topic.type == _ODOMETRY and "optical" not in child_frame_id
+    return pose_frame == "body"

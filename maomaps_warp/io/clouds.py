@@ -1,0 +1,198 @@
+"""Point clouds in files: PCD, PLY, text and NPZ."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.outputs import write_whole
+from maomaps_warp.io.pcd import FLOAT32_REACH_M, Parts, is_pcd, read_pcd, write_pcd
+from maomaps_warp.io.ply import read_ply
+from maomaps_warp.io.tables import HEAD_BYTES, column_count, read_bytes, read_table, signature
+from maomaps_warp.io.trajectories import are_byte_values, recognise_trajectory
+from maomaps_warp.model.cloud import PointCloud
+
+__all__ = ["CloudFormat", "read_cloud", "recognise_cloud", "write_pcd", "write_xyz"]
+
+KnownCloud = Literal["pcd", "ply", "xyz", "npz"]
+CloudFormat = Literal["auto", "pcd", "ply", "xyz", "npz"]
+
+_FORMATS_HINT = "clouds are PCD, PLY, text (x y z a row, r g b and more may follow) or NPZ"
+_TRAJECTORY_NAMES = {"tum": "a TUM", "kitti": "a KITTI", "euroc": "an EuRoC", "maomaps": "a MAOMaps"}
+
+
+def read_cloud(path: Path, *, format: CloudFormat = "auto") -> PointCloud:
+    """Reads a point cloud.
+
+    Args:
+        path: the file.
+        format: "auto" recognises it by its content, not by its name.
+
+    Returns:
+        At least one point. Points that are NaN or infinite are dropped and counted; colours are None where
+        the file has none or they are not understood, which a note says.
+
+    Raises:
+        InputError: the file is no cloud, not one of this format, damaged or empty.
+    """
+    path = Path(path)
+    if format not in get_args(CloudFormat):
+        raise ValueError(f"format must be one of {get_args(CloudFormat)}, got {format!r}")
+    found = recognise_cloud(path)
+    if found is None and format == "auto":
+        raise _not_a_cloud(path)
+    if format not in ("auto", found) and not (format == "xyz" and found is None):
+        raise _another_format(path, format, found)
+    readers: dict[str, Callable[[Path], Parts]] = {
+        "pcd": read_pcd,
+        "ply": read_ply,
+        "xyz": _read_xyz,
+        "npz": _read_npz,
+    }
+    points, colors, notes = readers[found or format](path)
+    return _finished(path, points, colors, notes)
+
+
+def recognise_cloud(path: Path) -> KnownCloud | None:
+    """The format of a point cloud by its content, or None if it is none (or a folder).
+
+    Texts that `recognise_trajectory` takes for poses are no clouds.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return None
+    head = read_bytes(path, HEAD_BYTES)
+    if is_pcd(head):
+        return "pcd"
+    if head.startswith((b"ply\n", b"ply\r")):
+        return "ply"
+    if head.startswith((b"PK\x03\x04", b"\x93NUMPY")):
+        return "npz"
+    shape = column_count(head)
+    if shape is None or shape[0] < 3 or recognise_trajectory(path) is not None:
+        return None
+    return "xyz"
+
+
+def write_xyz(path: Path, points: NDArray[np.float64]) -> None:
+    """Writes `x y z` a line in the fewest digits that give the float32 back: "-4.6 -7 0.5".
+
+    Where a coordinate exceeds FLOAT32_REACH_M, all are written in the digits that float64 needs.
+
+    Args:
+        path: the file.
+        points: (N, 3) float64, metres.
+    """
+    large = bool(len(points)) and float(np.abs(points).max()) > FLOAT32_REACH_M
+    numbers = points.astype(np.float64 if large else np.float32) + 0  # + 0 turns -0 into 0
+    # Maps repeat few different coordinates (voxel centres): each is turned into text once.
+    distinct, inverse = np.unique(numbers, return_inverse=True)
+    text = [str(number).removesuffix(".0") for number in distinct]
+    with write_whole(path, "w") as file:
+        for x, y, z in inverse.reshape(-1, 3).tolist():
+            file.write(f"{text[x]} {text[y]} {text[z]}\n")
+
+
+def _read_xyz(path: Path) -> Parts:
+    table = read_table(path)
+    columns = table.values.shape[1]
+    if columns < 3:
+        raise InputError(table.where(0), f"{columns} values a row, but a point has 3", _FORMATS_HINT)
+    points, rest = table.values[:, :3], table.values[:, 3:]
+    if columns >= 6 and are_byte_values(rest[:, :3]):
+        notes = (f"columns 4 to 6 are colours; {columns - 6} more columns are not used",) if columns > 6 else ()
+        return points, rest[:, :3].astype(np.uint8), notes
+    return (
+        points,
+        None,
+        (f"{columns - 3} columns after x y z are not colours and are not used",) if columns > 3 else (),
+    )
+
+
+def _read_npz(path: Path) -> Parts:
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        arrays = {"points": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+    except (ValueError, OSError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile) as error:
+        raise InputError(path, f"cannot be read as NPZ: {error}", "write it by np.savez(file, points=...)") from None
+    name = next((key for key in ("points", "xyz") if key in arrays), None)
+    if name is None and len(arrays) == 1:
+        name = next(iter(arrays))
+    if name is None:
+        raise InputError(path, f"NPZ with {', '.join(arrays) or 'no arrays'}", "an array `points` (N, 3) is needed")
+    points = arrays[name]
+    if not _is_numeric(points) or points.ndim != 2 or points.shape[1] < 3:
+        found = f"array {name} is {getattr(points, 'shape', '')} {getattr(points, 'dtype', 'no array')}"
+        raise InputError(path, found, "an array `points` (N, 3) of numbers is needed")
+    colors = arrays.get("colors")
+    if colors is not None and (not _is_numeric(colors) or colors.shape != (len(points), 3)):
+        raise InputError(path, f"array colors is {colors.shape} {colors.dtype}", f"({len(points)}, 3) is needed")
+    extra = points.shape[1] - 3
+    notes = (f"{extra} columns of array {name} after x y z are not used",) if extra else ()
+    with np.errstate(invalid="ignore"):  # a signalling NaN may warn; all NaN are counted later
+        return points[:, :3].astype(np.float64), colors, notes
+
+
+def _is_numeric(array: object) -> bool:
+    return isinstance(array, np.ndarray) and array.dtype.kind in "iuf"
+
+
+def _finished(
+    path: Path, points: NDArray[np.float64], colors: NDArray[np.generic] | None, notes: tuple[str, ...]
+) -> PointCloud:
+    finite = np.isfinite(points).all(axis=1)
+    dropped = len(points) - int(finite.sum())
+    if dropped == len(points):
+        found = f"all of its {dropped} points are NaN or infinite" if dropped else "holds no points"
+        raise InputError(path, found, "a map needs at least one point")
+    if dropped:
+        notes = (*notes, f"{dropped} of {len(points)} points are NaN or infinite and were dropped")
+        points, colors = points[finite], None if colors is None else colors[finite]
+    bytes_ = None if colors is None else _byte_colors(colors)
+    if colors is not None and bytes_ is None:
+        notes = (*notes, f"colours ({colors.dtype}) lie neither in 0..255 nor in 0..1 and were not used")
+    return PointCloud(np.ascontiguousarray(points), bytes_, dropped, str(path), notes=notes)
+
+
+def _byte_colors(colors: NDArray[np.generic]) -> NDArray[np.uint8] | None:
+    """(N, 3) uint8: whole numbers 0..255 as they are, fractions 0..1 times 255; None if they are neither."""
+    if colors.dtype == np.uint8:
+        return np.array(colors, np.uint8)
+    values = colors.astype(np.float64)
+    if colors.dtype.kind == "f" and bool(((values >= 0) & (values <= 1)).all()):
+        return np.rint(values * 255).astype(np.uint8)
+    return values.astype(np.uint8) if are_byte_values(values) else None
+
+
+def _another_format(path: Path, format: str, found: KnownCloud | None) -> InputError:
+    looks = f"a {found.upper()} cloud" if found else signature(read_bytes(path, HEAD_BYTES)) or "something else"
+    return InputError(
+        path,
+        f"is not a {format.upper()} file; it looks like {looks}",
+        f"{_FORMATS_HINT}; or leave it to auto",
+    )
+
+
+def _not_a_cloud(path: Path) -> InputError:
+    if path.is_dir():
+        return InputError(path, "is a folder", "a cloud file is expected here")
+    known = signature(read_bytes(path, HEAD_BYTES))
+    if known is not None:
+        return InputError(path, f"is {known}, not a point cloud", _FORMATS_HINT)
+    trajectory = recognise_trajectory(path)
+    if trajectory is not None:
+        hint = "if it is a cloud, name the format xyz"
+        return InputError(path, f"looks like {_TRAJECTORY_NAMES[trajectory]} trajectory, not a point cloud", hint)
+    table = read_table(path)  # tells what is wrong with a text that is no table
+    columns = table.values.shape[1]
+    found = f"not a point cloud: {columns} value{'s' if columns > 1 else ''} a row"
+    return InputError(path, found, _FORMATS_HINT)

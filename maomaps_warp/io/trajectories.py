@@ -1,0 +1,199 @@
+"""Trajectories in text files: TUM, KITTI, EuRoC and MAOMaps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.outputs import write_whole
+from maomaps_warp.io.rotations import T_BODY_CAMERA, quaternions_from_matrices, rpy_from_matrices
+from maomaps_warp.io.tables import HEAD_BYTES, column_count, read_bytes, read_table, signature
+from maomaps_warp.io.trajectory_formats import (
+    COLUMN_MEANINGS,
+    PoseRows,
+    read_euroc_rows,
+    read_kitti_rows,
+    read_maomaps_rows,
+    read_tum_rows,
+    timestamps_beside,
+)
+from maomaps_warp.model.trajectory import Trajectory
+
+KnownFormat = Literal["tum", "kitti", "euroc", "maomaps"]
+TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "maomaps"]
+PoseFrame = Literal["auto", "optical", "body"]
+
+#: Real recordings repeat a stamp now and then, with two poses a millimetre apart (once in 20957 poses of TUM's
+#: fr2_desk, 4 times in 807 of an EuRoC run). More than this share of repeated stamps means wrong stamps.
+MAX_REPEATED_SHARE = 0.01
+
+_READERS: dict[KnownFormat, Callable[[Path], PoseRows]] = {
+    "tum": read_tum_rows,
+    "kitti": read_kitti_rows,
+    "euroc": read_euroc_rows,
+    "maomaps": read_maomaps_rows,
+}
+_FORMATS_HINT = (
+    "trajectories are TUM (8 values a row), KITTI (12), EuRoC csv (8 or more, commas) or MAOMaps (6); "
+    "name the format if it is one of them"
+)
+
+
+def read_trajectory(
+    path: Path,
+    *,
+    format: TrajectoryFormat = "auto",
+    pose_frame: PoseFrame = "auto",
+) -> Trajectory:
+    """Reads camera poses from a text file.
+
+    Args:
+        path: the file; stamps of KITTI and MAOMaps poses are looked for beside it.
+        format: "auto" recognises it by its content.
+        pose_frame: whose poses the file holds: the camera's optical frame, or a body frame (x forward, y
+            left, z up) that shares the camera's origin, in which case T_world_camera = T_world_body
+            T_body_camera. "auto" is body for MAOMaps and optical for all others.
+
+    Returns:
+        Poses in the optical frame, at least one. Stamps are None where the source has none.
+
+    Raises:
+        InputError: the file is no trajectory or not one of this format; stamps are not ascending, or not in
+            the format's unit; a rotation is none.
+    """
+    path = Path(path)
+    if format not in get_args(TrajectoryFormat):
+        raise ValueError(f"format must be one of {get_args(TrajectoryFormat)}, got {format!r}")
+    if pose_frame not in get_args(PoseFrame):
+        raise ValueError(f"pose_frame must be one of {get_args(PoseFrame)}, got {pose_frame!r}")
+    known = recognise_trajectory(path) if format == "auto" else format
+    if known is None:
+        raise _not_a_trajectory(path)
+    rows = _in_order(_READERS[known](path))
+    is_body = known == "maomaps" if pose_frame == "auto" else pose_frame == "body"
+    T = rows.T @ T_BODY_CAMERA if is_body else rows.T
+    return Trajectory(T, rows.stamps_ns, str(path), notes=rows.notes)
+
+
+def recognise_trajectory(path: Path) -> KnownFormat | None:
+    """The format of a trajectory file by its content, or None if it is no trajectory (or a folder).
+
+    Six values a row are MAOMaps poses or points with colours: poses if a file of stamps stands beside them,
+    else points if the last three are all whole numbers in 0..255 and not all zero.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return None
+    head = read_bytes(path, HEAD_BYTES)
+    shape = column_count(head)
+    if shape is None:
+        return None
+    columns, delimited = shape
+    if columns == 6:
+        return None if _is_coloured_cloud(path) else "maomaps"
+    if columns == 12:
+        return "kitti"
+    if columns == 17 or (columns >= 8 and delimited):
+        return "euroc"
+    return "tum" if columns == 8 else None
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    """Writes `t x y z qx qy qz qw`, seconds with 9 decimals, all digits of the numbers, optical frame.
+
+    Raises:
+        InputError: the trajectory has no stamps, or the file cannot be written.
+    """
+    if trajectory.stamps_ns is None:
+        raise InputError(trajectory.source, "has no stamps, which TUM files need", "write MAOMaps poses instead")
+    quaternions = quaternions_from_matrices(trajectory.T_world_camera[:, :3, :3])
+    with write_whole(path, "w") as file:
+        file.write("# timestamp tx ty tz qx qy qz qw\n")
+        for stamp, position, xyzw in zip(
+            trajectory.stamps_ns.tolist(), trajectory.positions.tolist(), quaternions.tolist(), strict=True
+        ):
+            file.write(f"{_seconds_text(stamp)} {' '.join(map(repr, position + xyzw))}\n")
+
+
+def write_maomaps_poses(path: Path, trajectory: Trajectory) -> None:
+    """Writes `x y z roll pitch yaw` of the body frame; stamps, if any, in seconds to `<stem>_timestamps.txt`.
+
+    Raises:
+        InputError: a file cannot be written, or old stamps stand beside poses that have none.
+    """
+    path = Path(path)
+    stamps_path = timestamps_beside(path)
+    if trajectory.stamps_ns is None and stamps_path.exists():
+        raise InputError(stamps_path, "would be taken for the stamps of poses that have none", "remove it first")
+    T_world_body = trajectory.T_world_camera @ T_BODY_CAMERA.T
+    rows = np.hstack([T_world_body[:, :3, 3], rpy_from_matrices(T_world_body[:, :3, :3])])
+    with write_whole(path, "w") as file:
+        file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
+    if trajectory.stamps_ns is not None:
+        with write_whole(stamps_path, "w") as file:
+            file.writelines(f"{_seconds_text(stamp)}\n" for stamp in trajectory.stamps_ns.tolist())
+
+
+def _seconds_text(stamp_ns: int) -> str:
+    seconds, rest = divmod(abs(stamp_ns), 10**9)
+    return f"{'-' if stamp_ns < 0 else ''}{seconds}.{rest:09d}"
+
+
+def _in_order(rows: PoseRows) -> PoseRows:
+    """The rows, if their stamps ascend; a few repeated stamps are kept and noted, as evo keeps them."""
+    if rows.stamps_ns is None:
+        return rows
+    steps = np.diff(rows.stamps_ns)
+    if (steps < 0).any():
+        raise _stamp_error(rows, steps < 0, "comes after a later one", "sort the rows by their stamps")
+    repeated = int((steps == 0).sum())
+    if repeated > MAX_REPEATED_SHARE * len(rows.stamps_ns):
+        raise _stamp_error(rows, steps == 0, "stands twice", "keep one pose a stamp")
+    if not repeated:
+        return rows
+    first = rows.where_stamp(int(np.flatnonzero(steps == 0)[0]) + 1)
+    note = f"{repeated} of {len(rows.stamps_ns)} poses have the stamp of the pose before; all kept (first: {first})"
+    return replace(rows, notes=(*rows.notes, note))
+
+
+def _stamp_error(rows: PoseRows, is_bad: NDArray[np.bool_], found: str, hint: str) -> InputError:
+    """An error about the rows i + 1 where is_bad[i]."""
+    assert rows.stamps_ns is not None
+    row = int(np.flatnonzero(is_bad)[0]) + 1
+    more = f"; {int(is_bad.sum())} rows are so" if is_bad.sum() > 1 else ""
+    stamp = _seconds_text(int(rows.stamps_ns[row]))
+    return InputError(rows.where_stamp(row), f"stamp {stamp} s {found}{more}", hint)
+
+
+def _is_coloured_cloud(path: Path) -> bool:
+    if timestamps_beside(path).exists():
+        return False
+    table = read_table(path, columns={6})
+    return are_byte_values(table.values[:, 3:6]) and bool(table.values[:, 3:6].any())
+
+
+def are_byte_values(values: NDArray[np.float64]) -> bool:
+    """Whether all are whole numbers in 0..255."""
+    return bool(((values >= 0) & (values <= 255) & (values == np.rint(values))).all())
+
+
+def _not_a_trajectory(path: Path) -> InputError:
+    if path.is_dir():
+        return InputError(path, "is a folder", "a trajectory file is expected here")
+    known = signature(read_bytes(path, HEAD_BYTES))
+    if known is not None:
+        return InputError(path, f"is {known}, not a trajectory", _FORMATS_HINT)
+    table = read_table(path)  # tells what is wrong with a text that is no table
+    columns = table.values.shape[1]
+    meaning = f", as in {COLUMN_MEANINGS[columns]}" if columns in COLUMN_MEANINGS else ""
+    found = f"not a trajectory: {columns} value{'s' if columns > 1 else ''} a row{meaning}"
+    return InputError(path, found, _FORMATS_HINT)

@@ -1,0 +1,1 @@
+"""Warp kernels and functions; public, so that other Warp programs embed them."""

@@ -1,0 +1,110 @@
+"""Back-projection: every pixel of a depth image becomes a sample of a voxel hash.
+
+Paper, section III-A: m = p + d * r. Here with the full pinhole camera (K of camera_info) and the full pose.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from maomaps_warp.kernels.checks import check_array
+from maomaps_warp.kernels.voxel_hash import VoxelHash, add_sample, cell_of
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Pinhole:
+    """Intrinsics, pixels. Pixel (0, 0) is the centre of the first pixel; optical frame."""
+
+    fx: wp.float32
+    fy: wp.float32
+    cx: wp.float32
+    cy: wp.float32
+
+
+@wp.struct
+class DepthSampling:
+    """What becomes of a pixel."""
+
+    min_range: wp.float32  # metres, distance to the camera, exclusive
+    max_range: wp.float32  # metres, exclusive
+    depth_scale: wp.float32  # multiplies points in the camera frame AFTER the range test (a Sim(3) alignment)
+    inv_voxel_size: wp.float32  # 1 / metres
+    center_offset: wp.float32  # 0: cells centred on multiples of the voxel size; 0.5: starting there
+    stride: wp.int32  # take every stride-th pixel of each row and column, from pixel 0
+
+
+@wp.func
+def back_project(camera: Pinhole, u: wp.float32, v: wp.float32, depth: wp.float32) -> wp.vec3:
+    """Camera-frame point (metres, optical) of pixel (u, v) at `depth` metres along the optical axis."""
+    return wp.vec3(depth * (u - camera.cx) / camera.fx, depth * (v - camera.cy) / camera.fy, depth)
+
+
+@wp.kernel
+def _integrate_depth_kernel(
+    # In:
+    depth: wp.array2d(dtype=wp.float32),
+    colors: wp.array3d(dtype=wp.uint8),
+    camera: Pinhole,
+    T_map_camera: wp.transformf,
+    sampling: DepthSampling,
+    # Out:
+    table: VoxelHash,
+    out_used: wp.array(dtype=wp.int64),
+):
+    row, column = wp.tid()
+    v = row * sampling.stride
+    u = column * sampling.stride
+    z = depth[v, u]
+    if z > 0.0:
+        p_camera = back_project(camera, wp.float32(u), wp.float32(v), z)
+        distance = wp.length(p_camera)
+        if distance > sampling.min_range and distance < sampling.max_range:
+            p_map = wp.transform_point(T_map_camera, p_camera * sampling.depth_scale)
+            color = wp.vec3i(0, 0, 0)
+            if colors.shape[0] > 0:
+                color = wp.vec3i(wp.int32(colors[v, u, 0]), wp.int32(colors[v, u, 1]), wp.int32(colors[v, u, 2]))
+            ijk = cell_of(p_map, sampling.inv_voxel_size, sampling.center_offset)
+            add_sample(table, ijk, color, wp.int64(1))
+            wp.atomic_add(out_used, 0, wp.int64(1))
+
+
+def integrate_depth(
+    depth: wp.array,
+    camera: Pinhole,
+    T_map_camera: wp.transformf,
+    sampling: DepthSampling,
+    *,
+    colors: wp.array | None = None,
+    out_table: VoxelHash,
+    out_used: wp.array,
+) -> None:
+    """Add one depth image to a voxel hash.
+
+    Args:
+        depth: (H, W) float32, metres along the optical axis; values <= 0 and NaN are missing.
+        camera: intrinsics of the image.
+        T_map_camera: camera frame to the map's frame (metres, relative to the grid's origin).
+        sampling: ranges, voxel size, stride.
+        colors: (H, W, 3) uint8 RGB, or None.
+        out_table: the hash that grows; see `VoxelHash.rejected` for samples it could not take.
+        out_used: (1,) int64, incremented by the number of pixels within range.
+    """
+    device = depth.device
+    height, width = depth.shape
+    check_array("depth", depth, wp.float32, (height, width), device)
+    check_array("out_used", out_used, wp.int64, (1,), device)
+    if sampling.stride < 1:
+        raise ValueError(f"sampling.stride: expected at least 1, got {sampling.stride}")
+    if colors is None:
+        colors = wp.empty((0, 0, 3), dtype=wp.uint8, device=device)
+    else:
+        check_array("colors", colors, wp.uint8, (height, width, 3), device)
+    wp.launch(
+        _integrate_depth_kernel,
+        dim=(-(-height // sampling.stride), -(-width // sampling.stride)),
+        inputs=[depth, colors, camera, T_map_camera, sampling],
+        outputs=[out_table, out_used],
+        device=device,
+    )

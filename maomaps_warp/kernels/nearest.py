@@ -1,0 +1,100 @@
+"""Exact nearest neighbours of free points in a bounding-volume tree.
+
+The tree is complete: points in Morton order are cut into 2^levels leaves of equal size, node n has children 2n and
+2n + 1, and the boxes are tight. Any distribution of points works, clouds far apart and outliers included.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from maomaps_warp.kernels.checks import check_array
+
+wp.set_module_options({"enable_backward": False})
+
+#: A tree of L levels needs L + 1 places on the stack.
+STACK = wp.constant(32)
+_stack_type = wp.types.vector(length=32, dtype=wp.int32)
+
+
+@wp.struct
+class PointTree:
+    """A tree over points, metres relative to one origin."""
+
+    points: wp.array(dtype=wp.vec3)  # (N,) in Morton order
+    original: wp.array(dtype=wp.int32)  # (N,) their places in the caller's cloud
+    lower: wp.array(dtype=wp.vec3)  # (2 * leaves,) box of node n; entry 0 unused
+    upper: wp.array(dtype=wp.vec3)  # (2 * leaves,)
+    leaf_start: wp.array(dtype=wp.int32)  # (leaves + 1,) points of leaf l: leaf_start[l] to leaf_start[l + 1]
+
+
+@wp.func
+def box_distance_sq(lower: wp.vec3, upper: wp.vec3, point: wp.vec3) -> wp.float32:
+    """Squared distance from a point to a box; 0 inside."""
+    gap = wp.max(wp.max(lower - point, point - upper), wp.vec3(0.0, 0.0, 0.0))
+    return wp.dot(gap, gap)
+
+
+@wp.func
+def nearest_point(tree: PointTree, query: wp.vec3) -> wp.int32:
+    """Place in the caller's cloud of the point nearest to `query`; of equally near ones the lowest."""
+    leaves = tree.leaf_start.shape[0] - 1
+    best = wp.float32(wp.inf)
+    result = int(-1)
+    stack = _stack_type()
+    stack[0] = 1
+    depth = int(1)
+    while depth > 0:
+        depth -= 1
+        node = stack[depth]
+        # Equal distance is not pruned: the tie goes to the lower place whatever order the nodes come in.
+        if box_distance_sq(tree.lower[node], tree.upper[node], query) <= best:
+            if node >= leaves:
+                for k in range(tree.leaf_start[node - leaves], tree.leaf_start[node - leaves + 1]):
+                    offset = tree.points[k] - query
+                    distance = wp.dot(offset, offset)
+                    if distance < best or (distance == best and tree.original[k] < result):
+                        best = distance
+                        result = tree.original[k]
+            else:
+                left = 2 * node
+                nearer_left = box_distance_sq(tree.lower[left], tree.upper[left], query) <= box_distance_sq(
+                    tree.lower[left + 1], tree.upper[left + 1], query
+                )
+                # The nearer child goes on top.
+                stack[depth] = wp.where(nearer_left, left + 1, left)
+                stack[depth + 1] = wp.where(nearer_left, left, left + 1)
+                depth += 2
+    return result
+
+
+@wp.kernel
+def _nearest_kernel(
+    # In:
+    tree: PointTree,
+    queries: wp.array(dtype=wp.vec3),
+    # Out:
+    out_index: wp.array(dtype=wp.int32),
+):
+    i = wp.tid()
+    out_index[i] = nearest_point(tree, queries[i])
+
+
+def find_nearest(tree: PointTree, queries: wp.array, *, out_index: wp.array | None = None) -> wp.array:
+    """Nearest tree point of each query, without a cut-off.
+
+    Args:
+        tree: at least one point.
+        queries: (Q,) vec3, metres relative to the tree's origin.
+        out_index: (Q,) int32. None: allocated.
+
+    Returns:
+        out_index: place of the nearest point in the caller's cloud; of equally near ones the lowest.
+    """
+    device = queries.device
+    check_array("queries", queries, wp.vec3, (None,), device)
+    if out_index is None:
+        out_index = wp.empty(len(queries), dtype=wp.int32, device=device)
+    check_array("out_index", out_index, wp.int32, (len(queries),), device)
+    wp.launch(_nearest_kernel, dim=len(queries), inputs=[tree, queries], outputs=[out_index], device=device)
+    return out_index

@@ -1,0 +1,1 @@
+"""Stages that build maps on the device."""

@@ -1,0 +1,75 @@
+"""Voxel maps from points, and the leaves OctoMap would make of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.model.voxels import KEY_BIAS, VoxelGrid, VoxelMap, pack_keys, unpack_keys
+
+#: OctoMap's tree has 16 levels; the root's centre is the world's zero.
+OCTREE_LEVELS = 16
+
+
+def check_extent(points: NDArray[np.float64], grid: VoxelGrid, source: str) -> None:
+    """Refuse points too far from the grid's origin for a packed key.
+
+    Raises:
+        InputError: naming the farthest point and the limit.
+    """
+    if not len(points):
+        return
+    limit = (KEY_BIAS - 2) * grid.voxel_size
+    distance = np.abs(points - grid.origin).max(axis=1)
+    worst = int(distance.argmax())
+    if distance[worst] > limit:
+        raise InputError(
+            source,
+            f"point {worst} at {points[worst].tolist()} m is {distance[worst]:.0f} m away from the ground truth, "
+            f"more than the {limit:.0f} m that voxels of {grid.voxel_size} m reach",
+            "remove outliers, align the maps with --align, or raise --voxel-size",
+        )
+
+
+def voxelise(points: NDArray[np.float64], grid: VoxelGrid, colors: NDArray[np.uint8] | None = None) -> VoxelMap:
+    """The voxels that hold `points`.
+
+    Args:
+        points: (N, 3) float64, metres, world.
+        grid: the lattice.
+        colors: (N, 3) uint8, or None; a voxel's colour is the mean of its points', rounded.
+    """
+    keys, inverse, counts = np.unique(pack_keys(grid.ijk_of(points)), return_inverse=True, return_counts=True)
+    mean_colors = None
+    if colors is not None:
+        sums = np.stack([np.bincount(inverse, weights=colors[:, c], minlength=len(keys)) for c in range(3)], axis=1)
+        mean_colors = np.floor(sums / counts[:, None] + 0.5).astype(np.uint8)
+    return VoxelMap(grid, unpack_keys(keys), counts.astype(np.int64), mean_colors)
+
+
+def octomap_leaves(voxels: VoxelMap) -> NDArray[np.float64]:
+    """Centres of the leaves that OctoMap keeps of a map of occupied cells.
+
+    Eight occupied siblings are pruned into one coarse leaf, again and again; how often a cell was hit plays no
+    role (seen on OctoMap 1.9.7: docs/protocol.md, `slam_comparison`).
+
+    Args:
+        voxels: a map on a floored grid (center_offset 0.5): OctoMap's cells.
+
+    Returns:
+        (L, 3) float64, metres, world; finest leaves first, each level in key order.
+    """
+    grid = voxels.grid
+    half_extent = 1 << (OCTREE_LEVELS - 1)
+    cells = voxels.ijk.astype(np.int64) + grid.origin_ijk + half_extent
+    centers: list[NDArray[np.float64]] = []
+    for level in range(OCTREE_LEVELS + 1):
+        parents, inverse, children = np.unique(cells >> 1, axis=0, return_inverse=True, return_counts=True)
+        full = children == 8
+        kept = cells[~full[inverse.reshape(-1)]]
+        centers.append(((kept + 0.5) * 2.0**level - half_extent) * grid.voxel_size)
+        cells = parents[full]
+        if not len(cells):
+            break
+    return np.concatenate(centers)

@@ -1,0 +1,208 @@
+"""Voxel maps from depth frames, frame by frame, on the device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.errors import CapacityError, InputError
+from maomaps_warp.model.frame import Frame, FrameStream
+from maomaps_warp.model.voxels import VoxelGrid, VoxelMap, unpack_keys
+
+#: The table grows before it is fuller than this share: linear probing slows down steeply above.
+MAX_LOAD = 0.5
+MAX_CAPACITY = 1 << 30
+
+
+@dataclass(frozen=True)
+class DepthLimits:
+    """Which depth samples become map points.
+
+    Attributes:
+        min_range, max_range: metres, distance to the camera, exclusive.
+        pixel_stride: take every n-th pixel of each row and column, from pixel 0.
+        depth_scale: multiplies camera-frame points after the range test; 1 unless a Sim(3) alignment scales the map.
+    """
+
+    min_range: float = 0.01
+    max_range: float = 10.0
+    pixel_stride: int = 1
+    depth_scale: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class MapBuild:
+    """A map built from frames, with what became of them.
+
+    Attributes:
+        voxels: the map.
+        frames: frames that were read.
+        frames_without_pose: of these, how many the trajectory has no pose for; they are not in the map.
+        pixels: depth samples looked at in the frames with a pose.
+        pixels_used: of these, how many lie within the range limits and are in the map.
+    """
+
+    voxels: VoxelMap
+    frames: int
+    frames_without_pose: int
+    pixels: int
+    pixels_used: int
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The counts by name, for the report."""
+        return {
+            "frames": self.frames,
+            "frames_without_pose": self.frames_without_pose,
+            "pixels": self.pixels,
+            "pixels_used": self.pixels_used,
+        }
+
+
+def build_voxel_map(
+    stream: FrameStream,
+    pose_of_frame: Callable[[Frame], NDArray[np.float64] | None],
+    grid: VoxelGrid,
+    limits: DepthLimits,
+    *,
+    with_colors: bool = False,
+    device: str = "cpu",
+    progress: Callable[[int, int | None], None] | None = None,
+) -> MapBuild:
+    """Back-project every frame through its pose into a voxel map; memory grows with the map, not with the frames.
+
+    Args:
+        stream: the frames.
+        pose_of_frame: T_world_camera of a frame, (4, 4) float64, metres; None if it has none.
+        grid: the lattice; its origin must lie near the map.
+        limits: ranges and stride.
+        with_colors: also average the colours; every frame must then have them.
+        device: Warp device.
+        progress: called with (frames done, frames in all or None).
+
+    Raises:
+        InputError: a point beyond the reach of the grid.
+        CapacityError: more voxels than the largest table holds.
+    """
+    table = _Table(device)
+    used = _zeros_int64(device)
+    frames = without_pose = pixels = 0
+    for frame in stream.read(with_colors):
+        frames += 1
+        T_world_camera = pose_of_frame(frame)
+        if T_world_camera is None:
+            without_pose += 1
+        else:
+            pixels += _integrate(table, used, frame, stream, T_world_camera, grid, limits, with_colors)
+        if progress is not None:
+            progress(frames, stream.count)
+    _check_nothing_rejected(table, grid, stream.source)
+    voxels = _export(table, grid, with_colors)
+    return MapBuild(voxels, frames, without_pose, pixels, int(used.numpy()[0]))
+
+
+class _Table:
+    """A voxel hash that grows. State lives here and nowhere else."""
+
+    def __init__(self, device: str) -> None:
+        from maomaps_warp.kernels.voxel_hash import create_voxel_hash
+
+        self.device = device
+        self.hash = create_voxel_hash(1 << 16, device)
+
+    def reserve(self, samples: int) -> None:
+        """Make room for `samples` new voxels, so that no insertion can fail."""
+        from maomaps_warp.kernels.voxel_hash import create_voxel_hash, rehash
+
+        needed = (int(self.hash.size.numpy()[0]) + samples) / MAX_LOAD
+        if needed <= self.hash.keys.shape[0]:
+            return
+        capacity = 1 << int(np.ceil(np.log2(needed)))
+        if capacity > MAX_CAPACITY:
+            raise CapacityError(
+                f"the voxel map needs {capacity} slots, more than {MAX_CAPACITY}: raise --voxel-size or shorten the run"
+            )
+        larger = create_voxel_hash(capacity, self.device)
+        rehash(self.hash, larger)
+        self.hash = larger
+
+
+def _integrate(
+    table: _Table,
+    used: Any,
+    frame: Frame,
+    stream: FrameStream,
+    T_world_camera: NDArray[np.float64],
+    grid: VoxelGrid,
+    limits: DepthLimits,
+    with_colors: bool,
+) -> int:
+    import warp as wp
+
+    from maomaps_warp.kernels.back_projection import DepthSampling, Pinhole, integrate_depth
+    from maomaps_warp.mapping.poses import transform_relative_to
+
+    camera = stream.camera
+    if frame.depth.shape != (camera.height, camera.width):
+        raise InputError(
+            f"{stream.source}, frame {frame.index}",
+            f"depth image of {frame.depth.shape[1]}x{frame.depth.shape[0]} pixels",
+            f"the camera is {camera.width}x{camera.height}; give the right one with --camera",
+        )
+    sampled = [-(-n // limits.pixel_stride) for n in frame.depth.shape]
+    table.reserve(sampled[0] * sampled[1])
+    pinhole = Pinhole()
+    pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy = camera.fx, camera.fy, camera.cx, camera.cy
+    sampling = DepthSampling()
+    sampling.min_range, sampling.max_range = limits.min_range, limits.max_range
+    sampling.depth_scale, sampling.stride = limits.depth_scale, limits.pixel_stride
+    sampling.inv_voxel_size, sampling.center_offset = 1.0 / grid.voxel_size, grid.center_offset
+    colors = None
+    if with_colors:
+        if frame.colors is None:
+            raise InputError(f"{stream.source}, frame {frame.index}", "no colour image belongs to this depth image")
+        colors = wp.array(frame.colors, dtype=wp.uint8, device=table.device)
+    integrate_depth(
+        wp.array(frame.depth, dtype=wp.float32, device=table.device),
+        pinhole,
+        transform_relative_to(grid.origin, T_world_camera),
+        sampling,
+        colors=colors,
+        out_table=table.hash,
+        out_used=used,
+    )
+    return sampled[0] * sampled[1]
+
+
+def _zeros_int64(device: str) -> Any:
+    import warp as wp
+
+    return wp.zeros(1, dtype=wp.int64, device=device)
+
+
+def _check_nothing_rejected(table: _Table, grid: VoxelGrid, source: str) -> None:
+    full, outside = (int(n) for n in table.hash.rejected.numpy())
+    if outside:
+        raise InputError(
+            source,
+            f"{outside} points lie beyond the reach of voxels of {grid.voxel_size} m around {grid.origin.tolist()}",
+            "look for a pose that jumps, or raise --voxel-size",
+        )
+    if full:
+        raise CapacityError(f"{source}: the voxel table was full, {full} samples lost")
+
+
+def _export(table: _Table, grid: VoxelGrid, with_colors: bool) -> VoxelMap:
+    keys = table.hash.keys.numpy()
+    slots = np.nonzero(keys >= 0)[0]
+    slots = slots[np.argsort(keys[slots])]
+    counts = table.hash.counts.numpy()[slots]
+    colors = None
+    if with_colors:
+        sums = table.hash.color_sums.numpy()[slots]
+        colors = ((2 * sums + counts[:, None]) // (2 * counts[:, None])).astype(np.uint8)
+    return VoxelMap(grid, unpack_keys(keys[slots]), counts, colors)

@@ -1,0 +1,1 @@
+"""What flows through the house: plain frozen dataclasses over NumPy arrays."""

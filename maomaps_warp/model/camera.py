@@ -1,0 +1,55 @@
+"""The pinhole camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera without distortion.
+
+    The frame is optical: x right, y down, z forward. Pixel (0, 0) is the CENTRE of the first pixel, as in
+    sensor_msgs/CameraInfo, so the image covers u in [-0.5, width - 0.5) and v in [-0.5, height - 0.5).
+
+    Attributes:
+        width, height: image size, pixels.
+        fx, fy: focal lengths, pixels.
+        cx, cy: principal point, pixels.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"camera size must be positive, got {self.width}x{self.height}")
+        values = (self.fx, self.fy, self.cx, self.cy)
+        if not all(math.isfinite(v) for v in values) or self.fx <= 0 or self.fy <= 0:
+            raise ValueError(f"camera needs finite fx, fy > 0 and cx, cy; got {values}")
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, horizontal_fov_deg: float) -> Camera:
+        """A camera with square pixels whose image spans `horizontal_fov_deg` from edge to edge, centred."""
+        if not 0.0 < horizontal_fov_deg < 180.0:
+            raise ValueError(f"horizontal field of view must lie in (0, 180) degrees, got {horizontal_fov_deg}")
+        focal = 0.5 * width / math.tan(0.5 * math.radians(horizontal_fov_deg))
+        return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+
+    @property
+    def tangent_bounds(self) -> tuple[float, float, float, float]:
+        """The image's borders as slopes (x/z min, x/z max, y/z min, y/z max), dimensionless."""
+        return (
+            (-0.5 - self.cx) / self.fx,
+            (self.width - 0.5 - self.cx) / self.fx,
+            (-0.5 - self.cy) / self.fy,
+            (self.height - 0.5 - self.cy) / self.fy,
+        )
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height} fx={self.fx:.6g} fy={self.fy:.6g} cx={self.cx:.6g} cy={self.cy:.6g}"

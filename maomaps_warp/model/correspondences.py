@@ -1,0 +1,100 @@
+"""What each predicted map element was associated with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Correspondences handled at a time, to bound the memory of float64 temporaries.
+_CHUNK = 1 << 20
+
+
+class ElementClass(IntEnum):
+    """The one class in which every predicted element ends."""
+
+    ASSOCIATED = 0
+    OUT_OF_VIEW = 1
+    OCCLUDED = 2
+    NO_GROUND_TRUTH = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """Pairs of predicted and ground-truth points along transferred rays, and the class of every element.
+
+    A correspondence is kept as indices; the points follow from the arrays they index.
+
+    Attributes:
+        elements: (N, 3) float64, predicted elements (voxel centres, or OctoMap leaves), metres, aligned world.
+        classes: (N,) uint8, an ElementClass each.
+        element: (M,) int32, the element of each correspondence, ascending.
+        pose: (M,) int32, the matched pose pair that saw it.
+        est_points: (M', 3) float64 points that `est_index` points into: the estimate's side, m* in the paper.
+        est_index: (M,) int32.
+        gt_points: (M'', 3) float64 points that `gt_index` points into: the ground truth's side, m in the paper.
+        gt_index: (M,) int32.
+    """
+
+    elements: NDArray[np.float64]
+    classes: NDArray[np.uint8]
+    element: NDArray[np.int32]
+    pose: NDArray[np.int32]
+    est_points: NDArray[np.float64]
+    est_index: NDArray[np.int32]
+    gt_points: NDArray[np.float64]
+    gt_index: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.element)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Elements in all and by class; the classes add up to the total."""
+        by_class = {c.name.lower(): int(np.count_nonzero(self.classes == c)) for c in ElementClass}
+        return {"total": len(self.classes), **by_class}
+
+    def est(self, rows: slice = slice(None)) -> NDArray[np.float64]:
+        """The estimate's points of the correspondences in `rows`, (m, 3) float64, metres, aligned world."""
+        return self.est_points[self.est_index[rows]]
+
+    def gt(self, rows: slice = slice(None)) -> NDArray[np.float64]:
+        """The ground truth's points of the correspondences in `rows`, (m, 3) float64, metres, world."""
+        return self.gt_points[self.gt_index[rows]]
+
+    def absolute_errors(self) -> NDArray[np.float64]:
+        """|m* - m| in the world, (M,) float64, metres: drift and reconstruction."""
+        errors = np.empty(len(self))
+        for rows in self._chunks():
+            errors[rows] = np.linalg.norm(self.est(rows) - self.gt(rows), axis=1)
+        return errors
+
+    def relative_errors(
+        self, T_world_camera_est: NDArray[np.float64], T_world_camera_gt: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """|T_est^-1 m* - T_gt^-1 m|: each point in its own camera's frame, so reconstruction without drift.
+
+        Args:
+            T_world_camera_est: (P, 4, 4) float64, the matched (aligned) poses that `pose` indexes.
+            T_world_camera_gt: (P, 4, 4) float64.
+
+        Returns:
+            (M,) float64, metres.
+        """
+        errors = np.empty(len(self))
+        for rows in self._chunks():
+            pose = self.pose[rows]
+            est = _in_camera(T_world_camera_est[pose], self.est(rows))
+            gt = _in_camera(T_world_camera_gt[pose], self.gt(rows))
+            errors[rows] = np.linalg.norm(est - gt, axis=1)
+        return errors
+
+    def _chunks(self) -> list[slice]:
+        return [slice(start, start + _CHUNK) for start in range(0, len(self), _CHUNK)]
+
+
+def _in_camera(T_world_camera: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    moved = points - T_world_camera[:, :3, 3]
+    return np.asarray(np.einsum("nji,nj->ni", T_world_camera[:, :3, :3], moved))

@@ -1,0 +1,90 @@
+"""Voxel grids and the maps on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Bits of one axis in a packed key; voxel indices lie in [-KEY_BIAS, KEY_BIAS).
+KEY_BITS = 21
+KEY_BIAS = 1 << (KEY_BITS - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelGrid:
+    """A lattice of cubic cells in the world.
+
+    A cell's centre is `origin + (ijk + center_offset) * voxel_size`.
+
+    Attributes:
+        voxel_size: edge length, metres.
+        origin_ijk: (3,) int64: the lattice index that ijk (0, 0, 0) stands for. Coordinates on the device are
+            relative to it, so that float32 suffices far from the world's zero.
+        center_offset: 0.0 if cells are centred on multiples of the voxel size (index by rounding), 0.5 if they
+            start there (index by floor, as OctoMap does).
+    """
+
+    voxel_size: float
+    origin_ijk: NDArray[np.int64]
+    center_offset: float = 0.0
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """The world point that the device calls zero, (3,) float64, metres."""
+        return np.asarray(self.origin_ijk * self.voxel_size, dtype=np.float64)
+
+    def ijk_of(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Cells of `points`, (N, 3) float64 metres, world: (N, 3) int64.
+
+        Halves round to even, as in the original map creator; floor cells as in OctoMap.
+        """
+        # Dividing by 0.05 would put 0.15 / 0.05 = 2.9999999999999996 below a face: multiply by the inverse.
+        scaled = points * (1.0 / self.voxel_size)
+        cells = np.rint(scaled) if self.center_offset == 0.0 else np.floor(scaled)
+        return cells.astype(np.int64) - self.origin_ijk
+
+    def centers_of(self, ijk: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Centres of cells `ijk`, (N, 3) integer: (N, 3) float64, metres, world."""
+        return np.asarray((ijk + self.origin_ijk + self.center_offset) * self.voxel_size, dtype=np.float64)
+
+
+def pack_keys(ijk: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Packed keys of cells, (N, 3) -> (N,) int64, 21 bits an axis; their order is the order of (i, j, k)."""
+    biased = ijk.astype(np.int64) + KEY_BIAS
+    if len(biased) and (biased.min() < 0 or biased.max() >= 2 * KEY_BIAS):
+        raise ValueError(f"voxel indices must lie within {KEY_BIAS} of the grid's origin")
+    return (biased[:, 0] << (2 * KEY_BITS)) | (biased[:, 1] << KEY_BITS) | biased[:, 2]
+
+
+def unpack_keys(keys: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Cells of packed keys, (N,) int64 -> (N, 3) int32."""
+    mask = (1 << KEY_BITS) - 1
+    axes = [(keys >> (2 * KEY_BITS)) & mask, (keys >> KEY_BITS) & mask, keys & mask]
+    return (np.stack(axes, axis=1) - KEY_BIAS).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelMap:
+    """Occupied cells of a grid, sorted by key.
+
+    Attributes:
+        grid: the lattice.
+        ijk: (N, 3) int32, unique, in the order of `pack_keys`.
+        counts: (N,) int64, how many samples fell into each cell.
+        colors: (N, 3) uint8 mean RGB, or None.
+    """
+
+    grid: VoxelGrid
+    ijk: NDArray[np.int32]
+    counts: NDArray[np.int64]
+    colors: NDArray[np.uint8] | None = None
+
+    def __len__(self) -> int:
+        return len(self.ijk)
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """Cell centres, (N, 3) float64, metres, world."""
+        return self.grid.centers_of(self.ijk)

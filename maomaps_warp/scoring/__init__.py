@@ -1,0 +1,1 @@
+"""Stages that compare an estimate with the ground truth."""

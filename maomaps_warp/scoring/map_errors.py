@@ -1,0 +1,50 @@
+"""AME by nearest neighbour, completeness, precision and recall, voxel overlap."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.model.results import ThresholdScore, VoxelOverlap
+from maomaps_warp.model.voxels import VoxelMap, pack_keys
+from maomaps_warp.scoring.nearest import nearest_neighbours
+
+#: Distances are rounded to this many decimals of a metre before they are compared with a threshold, so that a
+#: neighbour at exactly one voxel is not decided by the last bit of a product.
+_THRESHOLD_DECIMALS = 9
+
+
+def distances_both_ways(
+    est: NDArray[np.float64], gt: NDArray[np.float64], device: str = "cpu"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance from each point to the nearest of the other cloud: exact, no cut-off.
+
+    Args:
+        est, gt: (N, 3) and (M, 3) float64, metres, aligned world; neither empty.
+        device: Warp device.
+
+    Returns:
+        (N,) float64: estimate to ground truth (accuracy), metres; (M,) float64: the other way (completeness).
+    """
+    return nearest_neighbours(est, gt, device)[1], nearest_neighbours(gt, est, device)[1]
+
+
+def threshold_score(est_to_gt: NDArray[np.float64], gt_to_est: NDArray[np.float64], threshold: float) -> ThresholdScore:
+    """Precision, recall and F-score at one distance, metres.
+
+    A. Knapitsch et al., "Tanks and Temples", ACM TOG 36(4), 2017, eqs. 4 to 7.
+    """
+    precision = float(np.mean(np.round(est_to_gt, _THRESHOLD_DECIMALS) < threshold))
+    recall = float(np.mean(np.round(gt_to_est, _THRESHOLD_DECIMALS) < threshold))
+    both = precision + recall
+    return ThresholdScore(threshold, precision, recall, 2.0 * precision * recall / both if both else 0.0)
+
+
+def voxel_overlap(est: VoxelMap, gt: VoxelMap) -> VoxelOverlap:
+    """Intersection over union of the occupied cells of two maps on one grid."""
+    same_origin = np.array_equal(est.grid.origin_ijk, gt.grid.origin_ijk)
+    if not same_origin or est.grid.voxel_size != gt.grid.voxel_size:
+        raise ValueError("both maps must lie on one grid")
+    common = len(np.intersect1d(pack_keys(est.ijk), pack_keys(gt.ijk), assume_unique=True))
+    union = len(est) + len(gt) - common
+    return VoxelOverlap(len(est), len(gt), common, common / union if union else 0.0)

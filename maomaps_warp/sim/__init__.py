@@ -1,0 +1,1 @@
+"""Makes synthetic recordings with a known answer."""

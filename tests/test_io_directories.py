@@ -1,0 +1,119 @@
+"""Sample directories and the input directory of the original program, made here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.original_directory import is_original_directory, read_original_side
+from maomaps_warp.io.sample_directories import is_sample_directory, read_sample
+
+# MAOMaps sample directories
+
+
+@pytest.fixture
+def sample(tmp_path: Path) -> Path:
+    (tmp_path / "gt_points_first.txt").write_text("0 0.05 0.1\n1 1.05 1.1\n")
+    (tmp_path / "gt_colors_first.txt").write_text("1 2 3\n255 0 9\n")
+    (tmp_path / "gt_poses_first.txt").write_text("1 2 3 0 0 0\n2 2 3 0 0 0\n")
+    (tmp_path / "gt_poses_first_timestamps.txt").write_text("10.5\n10.600000001\n")
+    (tmp_path / "start_pose_first.txt").write_text("1 2 3\n-0.5\n")
+    return tmp_path
+
+
+def test_a_run_of_a_sample_directory_gives_map_poses_and_start(sample: Path) -> None:
+    assert is_sample_directory(sample)
+    run = read_sample(sample, "first")
+    assert run.cloud is not None and run.trajectory is not None
+    np.testing.assert_array_equal(run.cloud.points, [[0, 0.05, 0.1], [1, 1.05, 1.1]])
+    assert run.cloud.colors is not None and run.cloud.colors.tolist() == [[1, 2, 3], [255, 0, 9]]
+    assert run.trajectory.stamps_ns is not None
+    assert run.trajectory.stamps_ns.tolist() == [10_500_000_000, 10_600_000_001]
+    assert run.start_pose == (1.0, 2.0, 3.0, -0.5)
+    # A body that looks along x: the camera's z is the world's x, its x points right, to -y.
+    R = run.trajectory.T_world_camera[0, :3, :3]
+    np.testing.assert_allclose(R, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], rtol=0, atol=1e-15)
+
+
+def test_a_sample_directory_asks_which_run_is_meant(sample: Path) -> None:
+    for run in (None, "third"):
+        with pytest.raises(InputError, match="--run first or --run second"):
+            read_sample(sample, run)
+
+
+def test_all_missing_files_of_a_sample_directory_are_listed(sample: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        read_sample(sample, "second")
+    for name in (
+        "gt_points_second",
+        "gt_poses_second.txt",
+        "gt_poses_second_timestamps.txt",
+        "start_pose_second",
+    ):
+        assert name in str(caught.value)
+    assert "gt_colors" not in str(caught.value)
+
+
+def test_a_sample_map_without_colours_is_noted(sample: Path) -> None:
+    (sample / "gt_colors_first.txt").unlink()
+    run = read_sample(sample, "first", with_poses=False)
+    assert run.cloud is not None and run.cloud.colors is None and run.trajectory is None
+    assert any("gt_colors_first.txt" in note for note in run.notes)
+
+
+@pytest.mark.parametrize("text", ["1 2 3\n", "1 2 3\n256 0 0\n"])
+def test_colours_that_do_not_belong_to_the_points_are_refused(sample: Path, text: str) -> None:
+    (sample / "gt_colors_first.txt").write_text(text)
+    with pytest.raises(InputError, match="gt_colors_first"):
+        read_sample(sample, "first")
+
+
+@pytest.mark.parametrize("text", ["", "1 2 3 4\n", "1 2 3\n", "1 2 3\nnan\n", "1 2 x\n0\n"])
+def test_a_start_pose_of_another_form_is_refused(sample: Path, text: str) -> None:
+    (sample / "start_pose_first.txt").write_text(text)
+    with pytest.raises(InputError, match="start_pose_first"):
+        read_sample(sample, "first")
+
+
+# The original program's directory
+
+
+@pytest.fixture
+def original(tmp_path: Path) -> Path:
+    for prefix, shift in (("gt", 0), ("slam", 1)):
+        (tmp_path / f"{prefix}_points.txt").write_text(f"{shift} 0 0\n1 1 1\n")
+        (tmp_path / f"{prefix}_poses.txt").write_text(f"{shift} 0 0 0 0 0\n2 2 2 0 0 1.5\n")
+    return tmp_path
+
+
+def test_both_sides_of_an_original_directory_pair_by_index(original: Path) -> None:
+    assert is_original_directory(original)
+    (original / "slam_poses_timestamps.txt").write_text("5\n6\n")  # not the original's; must not matter
+    for side, shift in (("gt", 0.0), ("est", 1.0)):
+        cloud, trajectory = read_original_side(original, side)  # type: ignore[arg-type]
+        assert cloud.points[0].tolist() == [shift, 0, 0]
+        assert trajectory.positions[0].tolist() == [shift, 0, 0]
+        assert trajectory.stamps_ns is None
+
+
+def test_unequal_numbers_of_poses_are_refused_with_both(original: Path) -> None:
+    (original / "slam_poses.txt").write_text("0 0 0 0 0 0\n")
+    with pytest.raises(InputError, match=r"gt_poses.txt has 2 poses, slam_poses.txt has 1"):
+        read_original_side(original, "gt")
+
+
+def test_a_missing_file_of_an_original_directory_is_named(original: Path) -> None:
+    (original / "gt_points.txt").unlink()
+    with pytest.raises(InputError, match=r"missing: gt_points.txt"):
+        read_original_side(original, "est")
+
+
+def test_a_pcd_of_the_original_saver_inside_slam_points_txt_is_read(original: Path) -> None:
+    header = "# .PCD v.5\nVERSION .5\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+    data = "WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1.5 2 3\n4 5 6\n"
+    (original / "slam_points.txt").write_text(header + data)
+    cloud, _ = read_original_side(original, "est")
+    assert cloud.points.tolist() == [[1.5, 2, 3], [4, 5, 6]]

@@ -1,0 +1,84 @@
+"""The rooms of the house: imports point down, and heavy packages load where they are used."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import maomaps_warp
+
+ROOT = Path(maomaps_warp.__file__).parent
+
+#: What each room may import of ours; `docs/design.md` draws it.
+ALLOWED = {
+    "errors": set(),
+    "protocol": {"errors"},
+    "stopwatch": set(),
+    "model": {"errors", "protocol"},
+    "kernels": set(),
+    "io": {"model", "protocol", "errors"},
+    "report": {"model", "protocol", "errors"},
+    "mapping": {"kernels", "model", "protocol", "errors"},
+    "scoring": {"mapping", "kernels", "model", "protocol", "errors"},
+    "sim": {"kernels", "io", "model", "protocol", "errors"},
+    "pipeline": {"io", "mapping", "scoring", "sim", "report", "model", "protocol", "errors", "stopwatch"},
+    "cli": {"pipeline", "demo", "io", "mapping", "sim", "report", "model", "protocol", "errors", "stopwatch"},
+    "demo": {"io", "mapping", "scoring", "sim", "model", "protocol", "errors", "stopwatch"},
+    "__init__": {"pipeline", "io", "model", "protocol", "errors"},
+    "__main__": {"cli"},
+}
+
+#: Packages that only the named rooms may import, and only inside functions (kernels apart).
+THIRD_PARTY_ROOMS = {"warp": {"kernels", "mapping", "scoring", "sim", "cli"}}
+ALWAYS_LAZY = {"warp", "scipy", "rosbags", "mcap", "PIL", "trimesh", "ruamel", "rich"}
+
+
+def _modules():
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        yield parts[0], path, ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _imported(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.ImportFrom):
+        return [node.module or ""]
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return []
+
+
+def test_imports_point_down():
+    wrong = []
+    for room, path, tree in _modules():
+        for node in ast.walk(tree):
+            for name in _imported(node):
+                if name.split(".")[0] == "maomaps_warp" and "." in name:
+                    target = name.split(".")[1]
+                    if target != room and target not in ALLOWED[room]:
+                        wrong.append(f"{path.relative_to(ROOT)} imports {name}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_heavy_packages_are_imported_where_they_are_used():
+    wrong = []
+    for room, path, tree in _modules():
+        top = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
+        for node in ast.walk(tree):
+            for name in _imported(node):
+                package = name.split(".")[0]
+                if room not in THIRD_PARTY_ROOMS.get(package, {room}):
+                    wrong.append(f"{path.relative_to(ROOT)}: {room} may not import {package}")
+                if node in top and package in ALWAYS_LAZY and room != "kernels":
+                    wrong.append(f"{path.relative_to(ROOT)} imports {package} at the top")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_importing_the_package_starts_nothing():
+    code = (
+        "import sys, maomaps_warp, maomaps_warp.pipeline, maomaps_warp.cli; "
+        "print([m for m in ('warp', 'scipy', 'rosbags', 'mcap', 'PIL', 'trimesh') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
