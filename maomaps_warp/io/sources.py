@@ -23,11 +23,14 @@ __all__ = [
     "source_from_parts",
 ]
 
+#: No options: everything is recognised.
+AS_IT_COMES = SourceOptions()
+
 
 def open_source(
     path: Path,
-    options: SourceOptions,
-    side: Side,
+    options: SourceOptions = AS_IT_COMES,
+    side: Side = "gt",
     *,
     map_path: Path | None = None,
     trajectory_path: Path | None = None,
@@ -55,7 +58,10 @@ def open_source(
 
 
 def source_from_parts(
-    map_path: Path | None, trajectory_path: Path | None, options: SourceOptions, side: Side
+    map_path: Path | None,
+    trajectory_path: Path | None,
+    options: SourceOptions = AS_IT_COMES,
+    side: Side = "gt",
 ) -> Source:
     """A side made of a map, a trajectory, or both; the map may be depth images that the poses belong to.
 
@@ -82,7 +88,7 @@ def source_from_parts(
     return _checked(_joined(*parts) if len(parts) == 2 else parts[0], side)
 
 
-def open_original_directory(path: Path, options: SourceOptions) -> tuple[Source, Source]:
+def open_original_directory(path: Path, options: SourceOptions = AS_IT_COMES) -> tuple[Source, Source]:
     """Ground truth and estimate in an input directory of the original program, poses paired by index."""
     original = replace(options, format="original")
     return open_source(path, original, "gt"), open_source(path, original, "est")

@@ -12,9 +12,9 @@ from maomaps_warp.kernels.checks import check_array
 
 wp.set_module_options({"enable_backward": False})
 
-#: A tree of L levels needs L + 1 places on the stack.
-STACK = wp.constant(32)
-_stack_type = wp.types.vector(length=32, dtype=wp.int32)
+# A tree of L levels needs L + 1 places on the stack; 2^31 points are fewer than 32 levels.
+_node_stack = wp.types.vector(length=32, dtype=wp.int32)
+_distance_stack = wp.types.vector(length=32, dtype=wp.float32)
 
 
 @wp.struct
@@ -31,8 +31,15 @@ class PointTree:
 @wp.func
 def box_distance_sq(lower: wp.vec3, upper: wp.vec3, point: wp.vec3) -> wp.float32:
     """Squared distance from a point to a box; 0 inside."""
-    gap = wp.max(wp.max(lower - point, point - upper), wp.vec3(0.0, 0.0, 0.0))
-    return wp.dot(gap, gap)
+    # where() instead of max(): wp.max carries NaN logic, which costs more than the comparison.
+    total = wp.float32(0.0)
+    for axis in range(3):
+        below = lower[axis] - point[axis]
+        above = point[axis] - upper[axis]
+        gap = wp.where(below > above, below, above)
+        gap = wp.where(gap > 0.0, gap, 0.0)
+        total += gap * gap
+    return total
 
 
 @wp.func
@@ -41,14 +48,15 @@ def nearest_point(tree: PointTree, query: wp.vec3) -> wp.int32:
     leaves = tree.leaf_start.shape[0] - 1
     best = wp.float32(wp.inf)
     result = int(-1)
-    stack = _stack_type()
-    stack[0] = 1
+    nodes = _node_stack()
+    distances = _distance_stack()
+    nodes[0] = 1
     depth = int(1)
     while depth > 0:
         depth -= 1
-        node = stack[depth]
+        node = nodes[depth]
         # Equal distance is not pruned: the tie goes to the lower place whatever order the nodes come in.
-        if box_distance_sq(tree.lower[node], tree.upper[node], query) <= best:
+        if distances[depth] <= best:
             if node >= leaves:
                 for k in range(tree.leaf_start[node - leaves], tree.leaf_start[node - leaves + 1]):
                     offset = tree.points[k] - query
@@ -58,12 +66,14 @@ def nearest_point(tree: PointTree, query: wp.vec3) -> wp.int32:
                         result = tree.original[k]
             else:
                 left = 2 * node
-                nearer_left = box_distance_sq(tree.lower[left], tree.upper[left], query) <= box_distance_sq(
-                    tree.lower[left + 1], tree.upper[left + 1], query
-                )
+                to_left = box_distance_sq(tree.lower[left], tree.upper[left], query)
+                to_right = box_distance_sq(tree.lower[left + 1], tree.upper[left + 1], query)
                 # The nearer child goes on top.
-                stack[depth] = wp.where(nearer_left, left + 1, left)
-                stack[depth + 1] = wp.where(nearer_left, left, left + 1)
+                left_first = to_left <= to_right
+                nodes[depth] = wp.where(left_first, left + 1, left)
+                distances[depth] = wp.where(left_first, to_right, to_left)
+                nodes[depth + 1] = wp.where(left_first, left, left + 1)
+                distances[depth + 1] = wp.where(left_first, to_left, to_right)
                 depth += 2
     return result
 

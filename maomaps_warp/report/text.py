@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _STATISTICS = ("rmse", "mean", "median", "std", "p90", "p95", "max")
-_UNIT_OF_STEP = {"frames": "frames", "metres": "m", "seconds": "s"}
+_UNIT_OF_STEP = {"frames": "frame", "metres": "m", "seconds": "s"}
 
 
 def score_tables(score: Score) -> Iterable[RenderableType]:
@@ -24,7 +24,7 @@ def score_tables(score: Score) -> Iterable[RenderableType]:
     yield _input("estimate", score.est)
     if score.camera:
         yield f"camera        {score.camera}"
-    for note in (*score.gt.notes, *score.est.notes, *score.notes):
+    for note in dict.fromkeys((*score.gt.notes, *score.est.notes, *score.notes)):
         yield f"note          {note}"
     yield _headlines(score)
     if any(not isinstance(m, NoValue) for m in (score.ate, score.rpe, score.ame_nn, score.ame_ray)):
@@ -125,11 +125,13 @@ def _all_statistics(score: Score) -> Table:
         add("ATE translation", score.ate.errors["absolute"].translation)
         add("ATE rotation", score.ate.errors["absolute"].rotation, "deg", math.degrees(1.0))
     if not isinstance(score.rpe, NoValue):
-        steps = {unit: getattr(score.protocol, f"rpe_{unit}") for unit in score.rpe.errors}
-        for unit, errors in score.rpe.errors.items():
-            step = f"RPE {steps[unit]:g} {_UNIT_OF_STEP[unit]}"
-            add(f"{step} translation", errors.translation)
-            add(f"{step} rotation", errors.rotation, "deg", math.degrees(1.0))
+        for unit, shown in _UNIT_OF_STEP.items():
+            step = f"RPE {getattr(score.protocol, f'rpe_{unit}'):g} {shown}"
+            if unit in score.rpe.errors:
+                add(f"{step} translation", score.rpe.errors[unit].translation)
+                add(f"{step} rotation", score.rpe.errors[unit].rotation, "deg", math.degrees(1.0))
+            elif f"pairs_{unit}" in score.rpe.counts:
+                table.add_row(f"{step}: no such pair", "", *[""] * len(_STATISTICS), "0")
     if not isinstance(score.ame_nn, NoValue):
         add("AME nn, estimate to gt", score.ame_nn.accuracy)
         add("completeness, gt to estimate", score.ame_nn.completeness)
