@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.clouds import write_pcd
+from maomaps_warp.io.sources import Source
 from maomaps_warp.io.trajectories import write_tum
-from maomaps_warp.mapping.voxel_map import DepthLimits, build_voxel_map
+from maomaps_warp.map_building import build_side
+from maomaps_warp.model.alignment import Alignment
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.voxels import VoxelGrid
 from maomaps_warp.protocol import PRESETS
-from maomaps_warp.scoring.frame_poses import pose_of_frame
 from maomaps_warp.sim.agent import drive
 from maomaps_warp.sim.recorder import write_rgbd_bag
 from maomaps_warp.sim.render import in_memory, render_frames
@@ -67,21 +66,12 @@ def make_demo(folder: Path, *, frames: int, seed: int, device: str, clock: Stopw
     with clock.stage("write bags"):
         write_rgbd_bag(files.ros1_bag, stream, gt, kind="ros1")
         write_rgbd_bag(files.mcap_bag, stream, gt, kind="mcap")
-    with clock.stage("disturb") as progress:
-        disturbance = SlamDisturbance(seed=seed)
-        est = disturbed_trajectory(gt, disturbance)
-        disturbed = disturbed_frames(stream, disturbance)
-        rules = PRESETS["maomaps"]
-        grid = VoxelGrid(rules.voxel_size, np.rint(est.positions.mean(axis=0) / rules.voxel_size).astype(np.int64))
-        build = build_voxel_map(
-            disturbed,
-            pose_of_frame(est, disturbed, method=rules.match, max_gap_s=rules.stamp_gap),
-            grid,
-            DepthLimits(rules.min_range, rules.max_range),
-            with_colors=True,
-            device=device,
-            progress=progress,
-        )
-        write_pcd(files.est_map, build.voxels.points, build.voxels.colors)
-        write_tum(files.est_trajectory, est)
+    disturbance = SlamDisturbance(seed=seed)
+    est = disturbed_trajectory(gt, disturbance)
+    source = Source("simulated SLAM", "simulation", est, frames=disturbed_frames(stream, disturbance))
+    rules = PRESETS["maomaps"]
+    grid = VoxelGrid.around(est.positions, rules.voxel_size)
+    built = build_side("SLAM's own map", source, Alignment(), grid, rules, device, clock, with_colors=True)
+    write_pcd(files.est_map, built.points, built.voxels.colors)
+    write_tum(files.est_trajectory, est)
     return files

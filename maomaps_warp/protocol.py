@@ -191,6 +191,13 @@ PRESETS: dict[str, Protocol] = {
 }
 
 
+def changes_of(protocol: Protocol) -> dict[str, Any]:
+    """Fields in which a protocol differs from the preset of its name (from `maomaps` if it is a file's)."""
+    preset = PRESETS.get(protocol.name, PRESETS["maomaps"])
+    fields = (f.name for f in dataclasses.fields(Protocol) if f.name != "name")
+    return {name: getattr(protocol, name) for name in fields if getattr(protocol, name) != getattr(preset, name)}
+
+
 def with_overrides(protocol: Protocol, overrides: dict[str, Any], where: str) -> Protocol:
     """A protocol with some fields replaced.
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import warp as wp
 from oracle import associate as oracle_associate
 from scenes import VOXEL, camera_pose, cluttered_room, wall
+from scipy.spatial.transform import Rotation
 
+from maomaps_warp.kernels.association import to_camera
 from maomaps_warp.mapping.cloud_map import voxelise
 from maomaps_warp.mapping.surface import build_surface
 from maomaps_warp.model.camera import Camera
@@ -19,7 +22,7 @@ CAMERA = Camera.from_fov(320, 240, 90.0)
 BAND = 2e-5
 
 
-def _surface(points, device, origin=(10, 10, 5)):
+def _surface(points, device, origin=(10, 10, 6)):
     grid = VoxelGrid(VOXEL, np.array(origin, dtype=np.int64))
     return build_surface(voxelise(np.asarray(points, dtype=float), grid), device)
 
@@ -136,16 +139,63 @@ def test_the_choice_of_the_pose(device):
 
 
 def test_of_equally_near_poses_the_lower_index_is_chosen(device):
-    same = camera_pose((0, 0, 0), 0.0)
-    T = _poses(same, same, same)
-    assert _run([[2, 0, 0]], [[2, 0, 0]], T, T, device).pose.tolist() == [0]
+    # The poses are tried in a shuffled order, so that index 3, the first of the nearer ones, is seldom tried first.
+    far, near = camera_pose((0, 0, 0), 0.0), camera_pose((0.5, 0, 0), 0.0)
+    T = _poses(*[far] * 3, *[near] * 13)
+    assert _run([[2, 0, 0]], [[2, 0, 0]], T, T, device).pose.tolist() == [3]
+
+
+def test_an_element_exactly_at_the_tolerance_behind_the_surface_is_occluded_wherever_the_grid_lies(device):
+    T = _poses(camera_pose((0, 0, 0), 0.0))
+    est = [[1.0, 0, 0], [1.5, 0, 0], [1.45, 0, 0]]
+    for origin in ((10, 10, 6), (0, 0, 0), (-2000, 36, 1234)):
+        e = _surface(est, device, origin=origin)
+        c = associate_maps(e.voxels.points, e, e, T, T, ViewRules(CAMERA, occlusion_tolerance=0.5))
+        classes = dict(zip(np.round(c.elements[:, 0], 2).tolist(), c.classes.tolist(), strict=True))
+        assert classes == {
+            1.0: ElementClass.ASSOCIATED,
+            1.45: ElementClass.ASSOCIATED,
+            1.5: ElementClass.OCCLUDED,
+        }
+
+
+def test_far_walls_are_reached(device):
+    T = _poses(camera_pose((0, 0, 0), 0.0))
+    assert _run([[60.0, 0, 0]], [[75.0, 0, 0]], T, T, device).absolute_errors() == pytest.approx([15.0])
+
+
+@wp.kernel(enable_backward=False)
+def _to_camera(T: wp.array(dtype=wp.transformf), p: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.vec3)):
+    i = wp.tid()
+    out[i] = to_camera(T[i], p[i])
+
+
+def test_camera_coordinates_do_not_lose_precision_far_from_the_origin(device):
+    rng = np.random.default_rng(0)
+    position = np.round(rng.uniform(-5000, 5000, size=(200, 3)) * 64) / 64  # exact in float32
+    offset = np.round(rng.uniform(-5, 5, size=(200, 3)) * 64) / 64
+    rotation = Rotation.random(200, random_state=1)
+    xyzw = rotation.as_quat().astype(np.float32)
+    T = wp.array(np.hstack([position, xyzw]).astype(np.float32), dtype=wp.transformf, device=device)
+    out = wp.empty(200, dtype=wp.vec3, device=device)
+    points = wp.array((position + offset).astype(np.float32), dtype=wp.vec3, device=device)
+    wp.launch(_to_camera, dim=200, inputs=[T, points], outputs=[out], device=device)
+    # 5 m times a few roundings of float32.
+    np.testing.assert_allclose(out.numpy(), rotation.inv().apply(offset), atol=5e-6)
 
 
 def test_no_poses_leave_every_element_out_of_view(device):
     none = np.empty((0, 4, 4))
-    c = _run([[2, 0, 0]], [[2, 0, 0]], none, none, device)
-    assert c.counts["out_of_view"] == 1
-    assert len(c) == 0
+    for choice in ("nearest", "first", "last", "all"):
+        c = _run([[2, 0, 0]], [[2, 0, 0]], none, none, device, pose_choice=choice)
+        assert c.counts["out_of_view"] == 1
+        assert len(c) == 0
+
+
+def test_no_elements_give_no_correspondences(device):
+    T = _poses(camera_pose((0, 0, 0), 0.0))
+    c = _run([[2, 0, 0]], [[2, 0, 0]], T, T, device, elements=np.empty((0, 3)))
+    assert c.counts["total"] == len(c) == len(c.absolute_errors()) == 0
 
 
 @pytest.mark.parametrize("choice", ["nearest", "first", "last"])

@@ -37,6 +37,14 @@ def test_a_distance_of_exactly_the_threshold_is_not_within_it_whatever_the_round
     assert threshold_score(distances, distances, 0.0501).f_score == 1.0
 
 
+def test_georeferenced_maps_decide_the_threshold_as_others_do(device):
+    northing = np.array([[0.0, 8_400_000.0, 0.0]])
+    k = np.arange(200)[:, None] * np.array([[0.05, 0.05, 0.0]])
+    accuracy, completeness = distances_both_ways(northing + k + [0, 0.05, 0], northing + k, device)
+    assert threshold_score(accuracy, completeness, 0.05).precision < 0.05
+    assert threshold_score(accuracy, completeness, 0.0501).precision == 1.0
+
+
 def test_the_f_score_is_the_harmonic_mean():
     score = threshold_score(np.array([0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), 0.5)
     assert (score.precision, score.recall) == (0.5, 0.75)

@@ -106,6 +106,33 @@ def test_a_map_from_frames_is_scaled_with_its_trajectory():
     assert run.est.facts["pixels_used"] == run.gt.facts["pixels_used"]
 
 
+def test_range_limits_under_scale_apply_to_the_depth_as_measured_and_are_noted():
+    gt_poses = _trajectory()
+    est_poses, _ = _moved(gt_poses, np.zeros((1, 3)), _similarity(2.0))
+
+    def frames(depth):
+        def read(with_colors):
+            for i, stamp in enumerate(gt_poses.stamps_ns):
+                yield Frame(i, int(stamp), np.full((48, 64), depth, np.float32))
+
+        return FrameStream(CAMERA, 12, read, "frames")
+
+    gt = _source(trajectory=gt_poses, frames=frames(4.0))
+    for depth, used in ((8.0, True), (10.5, False)):  # 4 m and 5.25 m in the ground truth's metres
+        est = _source(trajectory=est_poses, frames=frames(depth))
+        run = score(gt, est, _rules(align="sim3"), device="cpu").score
+        assert isinstance(run.ame_nn, NoValue) != used
+        assert "before its scale of 0.5" in run.notes[0]
+
+
+def test_an_empty_map_has_a_reason_of_its_own():
+    room, nothing = _cloud(cluttered_room(2)), _cloud(np.empty((0, 3)))
+    for gt, est in ((room, nothing), (nothing, room)):
+        run = score(_source(cloud=gt), _source(cloud=est), device="cpu").score
+        assert isinstance(run.ame_nn, NoValue) and run.ame_nn.asked
+        assert "depth" not in run.ame_nn.reason
+
+
 def test_a_scaled_estimate_without_scale_is_wrong_and_says_so():
     room, gt_poses = cluttered_room(1), _trajectory()
     est_poses, est_points = _moved(gt_poses, room, _similarity(1.1))

@@ -18,7 +18,7 @@ from maomaps_warp.model.voxels import VoxelGrid
 GRAZING_BAND = 2e-5
 
 
-def _map(points, origin=(3, -2, 1), offset=0.0):
+def _map(points, origin=(4, -2, 2), offset=0.0):
     return voxelise(np.asarray(points, dtype=float), VoxelGrid(VOXEL, np.array(origin, dtype=np.int64), offset))
 
 

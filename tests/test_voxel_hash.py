@@ -10,12 +10,13 @@ from maomaps_warp.kernels.voxel_hash import (
     VoxelHash,
     add_sample,
     build_voxel_index,
+    cell_of,
     create_voxel_hash,
     find_slot,
     pack_key,
     rehash,
 )
-from maomaps_warp.model.voxels import KEY_BIAS, pack_keys, unpack_keys
+from maomaps_warp.model.voxels import KEY_BIAS, VoxelGrid, pack_keys, unpack_keys
 
 
 @wp.kernel(enable_backward=False)
@@ -79,7 +80,7 @@ def test_an_index_beyond_the_key_is_refused_on_the_host():
 def test_samples_add_up_whatever_collides(device):
     rng = np.random.default_rng(2)
     ijk = rng.integers(-8, 8, size=(3000, 3)).astype(np.int32)
-    table = create_voxel_hash(4096, device)
+    table = create_voxel_hash(4096, device, with_colors=True)
     _insert_all(ijk, table, device)
     assert _content(table) == _expected(ijk)
     assert table.size.numpy()[0] == len(np.unique(ijk, axis=0))
@@ -89,7 +90,7 @@ def test_samples_add_up_whatever_collides(device):
 def test_a_larger_table_takes_over_everything(device):
     rng = np.random.default_rng(3)
     ijk = rng.integers(-6, 6, size=(500, 3)).astype(np.int32)
-    small, large = create_voxel_hash(1024, device), create_voxel_hash(8192, device)
+    small, large = (create_voxel_hash(n, device, with_colors=True) for n in (1024, 8192))
     _insert_all(ijk, small, device)
     rehash(small, large)
     assert _content(large) == _expected(ijk)
@@ -105,7 +106,7 @@ def test_a_full_table_counts_every_sample_it_cannot_take(device):
 
 def test_a_voxel_outside_the_key_range_is_counted_not_wrapped(device):
     ijk = np.array([[0, 0, 0], [1 << 20, 0, 0], [0, -(1 << 20) - 1, 0]], dtype=np.int32)
-    table = create_voxel_hash(16, device)
+    table = create_voxel_hash(16, device, with_colors=True)
     _insert_all(ijk, table, device)
     assert table.rejected.numpy().tolist() == [0, 2]
     assert list(_content(table)) == [(0, 0, 0)]
@@ -126,6 +127,51 @@ def test_the_index_finds_every_voxel_and_no_other(device):
     )
     expected = np.concatenate([np.arange(len(ijk)), np.full(len(ijk), -1)])
     np.testing.assert_array_equal(out.numpy(), expected)
+
+
+def test_an_index_is_built_anew_in_arrays_that_held_another(device):
+    def put(rows):
+        return wp.array(np.array(rows, np.int32), dtype=wp.vec3i, device=device)
+
+    keys, values = build_voxel_index(put([[0, 0, 0], [1, 0, 0], [2, 0, 0]]))
+    build_voxel_index(put([[7, 7, 7]]), out_keys=keys, out_values=values)
+    assert np.count_nonzero(keys.numpy() >= 0) == 1
+
+
+@wp.kernel(enable_backward=False)
+def _cells(points: wp.array(dtype=wp.vec3), inverse: float, offset: float, out: wp.array(dtype=wp.vec3i)):
+    i = wp.tid()
+    out[i] = cell_of(points[i], inverse, offset)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+@pytest.mark.parametrize("origin", [(0, 0, 0), (2, -6, 40)])
+def test_points_on_faces_fall_into_the_same_cell_on_host_and_device(device, offset, origin):
+    # 0.25 is exact in binary, so every one of these points lies on a face, or in the middle of a cell, exactly.
+    grid = VoxelGrid(0.25, np.array(origin, dtype=np.int64), offset)
+    steps = np.arange(-24, 25) * 0.125
+    points = np.stack([steps, steps[::-1], steps + 3.0], axis=1)
+    out = wp.empty(len(points), dtype=wp.vec3i, device=device)
+    relative = wp.array((points - grid.origin).astype(np.float32), dtype=wp.vec3, device=device)
+    wp.launch(_cells, dim=len(points), inputs=[relative, 4.0, offset], outputs=[out], device=device)
+    np.testing.assert_array_equal(out.numpy(), grid.ijk_of(points))
+
+
+def test_points_that_are_no_numbers_or_far_too_large_are_in_no_cell(device):
+    wild = np.array([[np.nan, 0, 0], [0, 1e30, 0], [0, 0, -np.inf]], dtype=np.float32)
+    out = wp.empty(3, dtype=wp.vec3i, device=device)
+    put = wp.array(wild, dtype=wp.vec3, device=device)
+    wp.launch(_cells, dim=3, inputs=[put, 20.0, 0.0], outputs=[out], device=device)
+    assert (np.abs(out.numpy()).max(axis=1) >= KEY_BIAS).all()
+
+
+def test_a_grid_of_rounded_cells_has_an_even_origin():
+    with pytest.raises(ValueError, match="even"):
+        VoxelGrid(0.05, np.array([0, 3, 0], dtype=np.int64))
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        grid = VoxelGrid.around(rng.normal(scale=100.0, size=(5, 3)), 0.05)
+        assert not (grid.origin_ijk % 2).any()
 
 
 def test_a_wrong_array_is_named(device):

@@ -8,6 +8,9 @@ from oracle import back_project, voxels_of
 from scenes import camera_pose, rendered_depth
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.kernels import voxel_hash
+from maomaps_warp.kernels.voxel_hash import rehash
+from maomaps_warp.mapping import voxel_map
 from maomaps_warp.mapping.cloud_map import check_extent, octomap_leaves, voxelise
 from maomaps_warp.mapping.voxel_map import DepthLimits, build_voxel_map
 from maomaps_warp.model.camera import Camera
@@ -61,6 +64,7 @@ def test_range_limits_are_exclusive_and_count(device):
     depth = np.zeros((48, 64), np.float32)
     centre = Camera(64, 48, 40.0, 40.0, 10.0, 10.0)
     depth[10, 10], depth[10, 11], depth[11, 10] = 10.0, 0.009, 9.9
+    depth[40, 60] = 9.9  # in the corner: nearer than 10 m along the axis, but not from the camera
     build = build_voxel_map(
         _stream([depth], camera=centre), lambda f: np.eye(4), _grid(), DepthLimits(0.01, 10.0), device=device
     )
@@ -71,8 +75,8 @@ def test_a_plane_far_from_the_worlds_zero_keeps_its_voxels(device):
     far = np.array([458074.6, 5429380.15, 162.9])
     T = camera_pose(tuple(far), 0.0)
     depth = rendered_depth(far[0] + 2.0, (64, 48, *K), T)
-    origin = np.rint(far / 0.05).astype(np.int64)
-    build = build_voxel_map(_stream([depth]), lambda f: T, _grid(origin), DepthLimits(), device=device)
+    grid = VoxelGrid.around(far[None], 0.05)
+    build = build_voxel_map(_stream([depth]), lambda f: T, grid, DepthLimits(), device=device)
     x = build.voxels.points[:, 0] - far[0]
     assert np.all(np.abs(x - 2.0) <= 0.5 * 0.05 + 1e-3)
 
@@ -95,12 +99,27 @@ def test_colours_are_rounded_means(device):
     assert build.voxels.colors.tolist() == [[12, 1, 255]]  # 11.5 and 0.5 round up
 
 
-def test_the_table_grows_and_drops_nothing(device):
-    depths = _random_depths(12, seed=5) * 2.0
+def test_the_table_grows_and_drops_nothing(device, monkeypatch):
+    depths = _random_depths(12, seed=5) * 1.5
     poses = [camera_pose((3.0 * i, 0, 1), 0.5 * i) for i in range(12)]
-    build = build_voxel_map(_stream(depths), lambda f: poses[f.index], _grid(), DepthLimits(), device=device)
-    assert len(build.voxels) > (1 << 16) * 0.25
-    assert build.voxels.counts.sum() == build.pixels_used
+    colors = np.random.default_rng(6).integers(0, 256, size=(12, 48, 64, 3), dtype=np.uint8)
+
+    def build():
+        stream = _stream(depths, colors)
+        return build_voxel_map(
+            stream, lambda f: poses[f.index], _grid(), DepthLimits(), with_colors=True, device=device
+        )
+
+    at_once = build()
+    moves = []
+    monkeypatch.setattr(voxel_map, "_FIRST_CAPACITY", 1 << 10)
+    monkeypatch.setattr(voxel_hash, "rehash", lambda a, b: (moves.append(a.keys.shape[0]), rehash(a, b)))
+    grown = build()
+    assert len(moves) >= 3
+    np.testing.assert_array_equal(grown.voxels.ijk, at_once.voxels.ijk)
+    np.testing.assert_array_equal(grown.voxels.counts, at_once.voxels.counts)
+    np.testing.assert_array_equal(grown.voxels.colors, at_once.voxels.colors)
+    assert grown.pixels_used == np.count_nonzero(depths)
 
 
 def test_frames_without_a_pose_are_counted_and_left_out(device):
@@ -151,7 +170,7 @@ def test_points_on_multiples_of_the_voxel_size_fall_into_the_voxel_they_name():
     named = np.stack([k, k + 7, k - 3], axis=1)
     for values in (points, points.astype(np.float32).astype(np.float64)):
         np.testing.assert_array_equal(_grid().ijk_of(values), named)
-        np.testing.assert_array_equal(_grid((5, 5, 5)).ijk_of(values), named - 5)
+        np.testing.assert_array_equal(_grid((6, 6, 6)).ijk_of(values), named - 6)
 
 
 def test_points_of_one_voxel_share_it_with_their_mean_colour():

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from maomaps_warp.protocol import AlignMethod, MatchMethod, PoseChoice
+
 if TYPE_CHECKING:
     from maomaps_warp.io.sources import Side, Source, SourceOptions
     from maomaps_warp.model.camera import Camera
@@ -45,14 +47,14 @@ def score(
         str, typer.Option(help="maomaps, paper, slam_comparison, or a .toml file; see `explain`.")
     ] = "maomaps",
     align: Annotated[
-        Literal["none", "origin", "start-pose", "yaw", "se3", "sim3"] | None,
+        AlignMethod | None,
         typer.Option(help="Transform of the estimate, found from the trajectories.", show_default="none"),
     ] = None,
     yaw_correction: Annotated[
         float | None, typer.Option(metavar="RAD", help="Added to the yaw of --align start-pose.")
     ] = None,
     match: Annotated[
-        Literal["interpolate", "nearest"] | None,
+        MatchMethod | None,
         typer.Option(help="Ground truth at the estimate's stamps.", show_default="interpolate"),
     ] = None,
     max_stamp_gap: Annotated[
@@ -62,7 +64,7 @@ def score(
         float | None, typer.Option(metavar="S", help="Added to the estimate's stamps.", show_default="0")
     ] = None,
     pose_choice: Annotated[
-        Literal["nearest", "first", "last", "all"] | None,
+        PoseChoice | None,
         typer.Option(help="Which of the poses that see an element.", show_default="nearest"),
     ] = None,
     camera: Annotated[str | None, typer.Option(help="320x240@90, WxH:fx,fy,cx,cy, or a ROS calibration YAML.")] = None,

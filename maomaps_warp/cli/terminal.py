@@ -44,9 +44,9 @@ def console() -> Console:
     """Standard output, as wide as the terminal, or as tables need if there is none."""
     from rich.console import Console
 
-    wide = Console(highlight=False, soft_wrap=False)
+    wide = Console(highlight=False, markup=False, emoji=False)
     if not wide.is_terminal or wide.width < 100:
-        return Console(highlight=False, width=_PIPE_WIDTH)
+        return Console(highlight=False, markup=False, emoji=False, width=_PIPE_WIDTH)
     return wide
 
 

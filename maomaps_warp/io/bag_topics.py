@@ -98,6 +98,13 @@ class BagContents:
                 reason = "no messages" if not found[0].count else f"{found[0]} is nothing that can be scored"
                 raise InputError(f"{self.path}, topic {name}", reason, _listing(usable))
 
+    def check_named_images(self, wanted: Sequence[str]) -> None:
+        """Raise InputError if a colour image was named and no topic holds depth, beside which colours are read."""
+        named = self.named("colors", wanted)
+        if named and not self.depths:
+            found = f"{named[0]} holds no depth, nor does any other topic of the bag"
+            raise InputError(f"{self.path}, topic {named[0].name}", found, f"allowed: {_ROLE_WORDS['depths']}")
+
 
 def describe_bag(path: Path) -> BagContents:
     """What the topics of a bag can serve as; reads one message of each image topic.

@@ -21,7 +21,7 @@ from maomaps_warp.io.clouds import KnownCloud, read_cloud, recognise_cloud
 from maomaps_warp.io.original_directory import is_original_directory, read_original_side
 from maomaps_warp.io.rgbd_folders import LAYOUTS, read_rgbd_folder, recognise_rgbd_folder
 from maomaps_warp.io.sample_directories import is_sample_directory, read_sample
-from maomaps_warp.io.tables import HEAD_BYTES, column_count, read_bytes, signature
+from maomaps_warp.io.tables import HEAD_BYTES, column_count, read_bytes, read_table, signature
 from maomaps_warp.io.trajectories import (
     KnownFormat,
     PoseFrame,
@@ -156,7 +156,17 @@ def _looks_like(path: Path) -> str:
         return f"a table with {shape[0]} numbers a row"
     lines = head.decode("utf-8", errors="replace").split("\n")
     first = next((line.strip() for line in lines if line.strip()), "")
-    return f"a text that starts with {first[:60]!r}"
+    return f"a text that starts with {first[:60]!r}{_fault_of_table(path)}"
+
+
+def _fault_of_table(path: Path) -> str:
+    """What keeps a text from being a table, with its line; nothing if it is one."""
+    try:
+        read_table(path)
+    except InputError as error:
+        line = error.where.removeprefix(str(path)).removeprefix(", ")
+        return f"; {line}: {error.found}" if line else f"; it {error.found}"
+    return ""
 
 
 def _open_trajectory(path: Path, format: str, options: SourceOptions, side: Side, part: Part) -> Source:
@@ -222,6 +232,8 @@ def _open_rgbd(path: Path, format: str, options: SourceOptions, side: Side, part
 def _open_bag(path: Path, format: str, options: SourceOptions, side: Side, part: Part) -> Source:
     contents = describe_bag(path)
     contents.check_names(options.topics)
+    if part != "trajectory":
+        contents.check_named_images(options.topics)
     role, notes = (None, ()) if part == "trajectory" else _map_role(contents, options.topics, side)
     cloud = read_bag_cloud(path, topics=options.topics) if role == "clouds" else None
     camera = options.camera

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags import recognise_bag
 from maomaps_warp.io.original_directory import is_original_directory
@@ -25,6 +28,11 @@ __all__ = [
 
 #: No options: everything is recognised.
 AS_IT_COMES = SourceOptions()
+
+
+#: Larger coordinates are no metres but damage: float64 steps are 0.1 mm here, and squares of far larger numbers
+#: overflow.
+LARGEST_COORDINATE_M = 1e12
 
 
 def open_source(
@@ -120,9 +128,24 @@ def _checked(source: Source, side: Side) -> Source:
             f"holds depth images without poses (it was read as: {source.kind})",
             f"give the poses with --{side}-trajectory",
         )
+    if source.trajectory is not None:
+        _check_reach(source.trajectory.source, "pose", source.trajectory.positions)
+    if source.cloud is not None:
+        _check_reach(source.cloud.source, "point", source.cloud.points)
     if source.frames is not None and source.trajectory is not None:
         _check_pairing(source.frames, source.trajectory, side)
     return source
+
+
+def _check_reach(where: str, item: str, points: NDArray[np.float64]) -> None:
+    far = np.flatnonzero(np.abs(points).max(axis=1) > LARGEST_COORDINATE_M)
+    if len(far):
+        place = " ".join(f"{value:g}" for value in points[far[0]])
+        more = f"; {len(far)} of {len(points)} are so" if len(far) > 1 else ""
+        found = f"{item} {far[0] + 1} lies at {place} m{more}"
+        raise InputError(
+            where, found, f"coordinates are metres, up to {LARGEST_COORDINATE_M:g}: remove or rescale them"
+        )
 
 
 def _check_pairing(frames: FrameStream, trajectory: Trajectory, side: Side) -> None:

@@ -108,9 +108,10 @@ def ns_of_seconds(table: Table) -> NDArray[np.int64]:
     large = np.flatnonzero(np.abs(seconds) >= LARGEST_SECONDS)
     if len(large):
         row = int(large[0])
-        raise _not_seconds(table, row, f"stamp {table.first[row]} looks like {_unit_of(abs(seconds[row]))}")
+        unit, divisor = _unit_of(abs(seconds[row]))
+        raise _not_seconds(table, row, f"stamp {table.first[row]} looks like {unit}", divisor)
     if len(seconds) > 1 and (step := float(np.median(np.abs(np.diff(seconds))))) >= LARGEST_STEP_S:
-        raise _not_seconds(table, 0, f"stamps look like nanoseconds: {step:.3g} s would lie between two poses")
+        raise _not_seconds(table, 0, f"stamps look like nanoseconds: {step:.3g} s would lie between two poses", "1e9")
     stamps = [int(Decimal(text).scaleb(9).to_integral_value()) for text in table.first]
     if max(map(abs, stamps)) > np.iinfo(np.int64).max:
         raise InputError(table.path, "stamps are beyond 292 years", "stamps must be seconds")
@@ -132,12 +133,16 @@ def _ns_of_nanoseconds(table: Table) -> NDArray[np.int64]:
     return stamps
 
 
-def _not_seconds(table: Table, row: int, found: str) -> InputError:
-    return InputError(table.where(row), found, "divide by 1e9 for seconds; for EuRoC's columns name the format euroc")
+def _not_seconds(table: Table, row: int, found: str, divisor: str) -> InputError:
+    hint = f"divide by {divisor} for seconds; for EuRoC's columns name the format euroc"
+    return InputError(table.where(row), found, hint)
 
 
-def _unit_of(value: float) -> str:
-    return "nanoseconds" if value >= 1e17 else "microseconds" if value >= 1e14 else "milliseconds or nanoseconds"
+def _unit_of(value: float) -> tuple[str, str]:
+    """What a stamp counts that is too large for seconds, and what turns it into seconds."""
+    if value >= 1e17:
+        return "nanoseconds", "1e9"
+    return ("microseconds", "1e6") if value >= 1e14 else ("milliseconds or nanoseconds", "1e3 or 1e9")
 
 
 def _pose_table(path: Path, fits: Callable[[int], bool], hint: str, *, keep_first: bool = False) -> Table:

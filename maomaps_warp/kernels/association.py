@@ -6,20 +6,25 @@ should have seen along the same camera-frame direction from its ground-truth pos
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.surface import Surface, first_surface
+from maomaps_warp.kernels.surface import Surface, check_surface, first_surface
 
-wp.set_module_options({"enable_backward": False})
+# No fused multiply-adds: CPU and CUDA must agree on the rays that pass an edge.
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-NO_POSE = wp.constant(wp.int32(-1))
-# What became of a (voxel, pose) pair; a voxel keeps the largest of its pairs.
-OUT_OF_VIEW = wp.constant(wp.int32(0))
-OCCLUDED = wp.constant(wp.int32(1))
-VISIBLE = wp.constant(wp.int32(2))
+NO_POSE = wp.constant(-1)
+# What became of an element, by pose or over all of them.
+OUT_OF_VIEW = wp.constant(0)
+OCCLUDED = wp.constant(1)
+VISIBLE = wp.constant(2)
 
 FAR = wp.constant(wp.float32(1.0e6))  # metres; beyond every map that fits into the packed keys
+# Metres. Many voxel centres lie exactly a tolerance apart (0.5 m = 10 voxels); rounding must not decide there.
+TIE = wp.constant(wp.float32(1.0e-5))
 
 
 @wp.struct
@@ -44,6 +49,14 @@ class PosePairs:
 
 
 @wp.func
+def to_camera(T_map_camera: wp.transformf, point: wp.vec3) -> wp.vec3:
+    """`point` (map frame) in the camera's frame, metres."""
+    # The difference first: transform_inverse would subtract two rotated positions, both large far from the origin.
+    offset = point - wp.transform_get_translation(T_map_camera)
+    return wp.quat_rotate_inv(wp.transform_get_rotation(T_map_camera), offset)
+
+
+@wp.func
 def in_view(view: View, p_camera: wp.vec3) -> wp.bool:
     """Whether the image shows `p_camera` (metres, optical frame), were nothing in the way."""
     z = p_camera[2]
@@ -65,7 +78,7 @@ def in_view(view: View, p_camera: wp.vec3) -> wp.bool:
 
 
 @wp.func
-def transferred_hit(surface: Surface, T_map_camera: wp.transformf, direction: wp.vec3) -> wp.int32:
+def ray_hit(surface: Surface, T_map_camera: wp.transformf, direction: wp.vec3) -> wp.int32:
     """First voxel that a camera at `T_map_camera` sees along a camera-frame unit `direction`, or -1."""
     origin = wp.transform_get_translation(T_map_camera)
     return first_surface(surface, origin, wp.transform_vector(T_map_camera, direction), FAR)
@@ -73,14 +86,14 @@ def transferred_hit(surface: Surface, T_map_camera: wp.transformf, direction: wp
 
 @wp.func
 def visible_surface(
-    est: Surface, T_map_est: wp.transformf, point: wp.vec3, p_camera: wp.vec3, tolerance: wp.float32
+    est: Surface, T_map_est: wp.transformf, point: wp.vec3, direction: wp.vec3, tolerance: wp.float32
 ) -> wp.int32:
-    """First predicted voxel on the ray to `point`, if it lies nearer to it than `tolerance`; else -1."""
+    """First predicted voxel in the camera-frame unit `direction` of `point`, if it lies within `tolerance`; else -1."""
     # The ray starts from camera coordinates, as the transferred one does: with equal poses and maps both rays are
     # the same bits, and a map scored against itself gives exactly zero.
-    hit = transferred_hit(est, T_map_est, wp.normalize(p_camera))
+    hit = ray_hit(est, T_map_est, direction)
     if hit >= 0:
-        if wp.length(est.centers[hit] - point) >= tolerance:
+        if wp.length(est.centers[hit] - point) >= tolerance - TIE:
             hit = int(-1)
     return hit
 
@@ -89,10 +102,9 @@ def visible_surface(
 def _associate_kernel(
     # In:
     points: wp.array(dtype=wp.vec3),
-    group_of: wp.array(dtype=wp.int32),
-    order: wp.array2d(dtype=wp.int32),
-    at_least: wp.array2d(dtype=wp.float32),
     poses: PosePairs,
+    order: wp.array(dtype=wp.int32),
+    first_wins: wp.bool,
     view: View,
     est: Surface,
     gt: Surface,
@@ -105,38 +117,33 @@ def _associate_kernel(
 ):
     i = wp.tid()
     point = points[i]
-    group = group_of[i]
-    status = OUT_OF_VIEW
+    status = int(OUT_OF_VIEW)
     best = wp.float32(wp.inf)
-    best_pose = NO_POSE
+    best_pose = int(NO_POSE)
     best_voxel = int(-1)
-    rank = int(0)
-    while rank < order.shape[1]:
-        pose = order[group, rank]
-        # at_least ascends: no later pose can be nearer. (Ties are looked at: the lower pose index wins them.)
-        if at_least[group, rank] > best:
-            rank = order.shape[1]
-        else:
-            rank += 1
-            p_camera = wp.transform_point(wp.transform_inverse(poses.T_map_est[pose]), point)
-            distance = wp.length(p_camera)
-            if distance < best or (distance == best and pose < best_pose):
-                if in_view(view, p_camera):
-                    voxel = visible_surface(est, poses.T_map_est[pose], point, p_camera, tolerance)
-                    if voxel < 0:
-                        status = wp.max(status, OCCLUDED)
-                    else:
-                        status = VISIBLE
-                        best = distance
-                        best_pose = pose
-                        best_voxel = voxel
-                        if at_least[group, 0] < 0.0:
-                            # A negative bound marks an order by time: the first that sees the voxel is the choice.
-                            rank = order.shape[1]
+    best_direction = wp.vec3(0.0, 0.0, 0.0)
+    for rank in range(order.shape[0]):
+        pose = order[rank]
+        p_camera = to_camera(poses.T_map_est[pose], point)
+        distance = wp.length(p_camera)
+        # Only a pose that would win casts a ray; of equally near ones the lower index wins, in whatever order.
+        if first_wins or distance < best or (distance == best and pose < best_pose):
+            if in_view(view, p_camera):
+                direction = p_camera / distance
+                voxel = visible_surface(est, poses.T_map_est[pose], point, direction, tolerance)
+                if voxel >= 0:
+                    status = int(VISIBLE)
+                    best = distance
+                    best_pose = pose
+                    best_voxel = voxel
+                    best_direction = direction
+                    if first_wins:
+                        break
+                elif status == OUT_OF_VIEW:
+                    status = int(OCCLUDED)
     gt_voxel = int(-1)
     if best_pose >= 0:
-        p_camera = wp.transform_point(wp.transform_inverse(poses.T_map_est[best_pose]), point)
-        gt_voxel = transferred_hit(gt, poses.T_map_gt[best_pose], wp.normalize(p_camera))
+        gt_voxel = ray_hit(gt, poses.T_map_gt[best_pose], best_direction)
     out_status[i] = status
     out_pose[i] = best_pose
     out_est_voxel[i] = best_voxel
@@ -159,17 +166,18 @@ def _associate_all_kernel(
 ):
     i, pose = wp.tid()
     point = points[i]
-    p_camera = wp.transform_point(wp.transform_inverse(poses.T_map_est[pose]), point)
-    status = OUT_OF_VIEW
+    p_camera = to_camera(poses.T_map_est[pose], point)
+    status = int(OUT_OF_VIEW)
     voxel = int(-1)
     gt_voxel = int(-1)
     if in_view(view, p_camera):
-        voxel = visible_surface(est, poses.T_map_est[pose], point, p_camera, tolerance)
+        direction = wp.normalize(p_camera)
+        voxel = visible_surface(est, poses.T_map_est[pose], point, direction, tolerance)
         if voxel < 0:
-            status = OCCLUDED
+            status = int(OCCLUDED)
         else:
-            status = VISIBLE
-            gt_voxel = transferred_hit(gt, poses.T_map_gt[pose], wp.normalize(p_camera))
+            status = int(VISIBLE)
+            gt_voxel = ray_hit(gt, poses.T_map_gt[pose], direction)
     out_status[i, pose] = status
     out_est_voxel[i, pose] = voxel
     out_gt_voxel[i, pose] = gt_voxel
@@ -178,55 +186,51 @@ def _associate_all_kernel(
 def associate(
     points: wp.array,
     poses: PosePairs,
+    order: wp.array,
+    first_wins: bool,
     view: View,
     est: Surface,
     gt: Surface,
     tolerance: float,
     *,
-    group_of: wp.array,
-    order: wp.array,
-    at_least: wp.array,
-    out_status: wp.array,
-    out_pose: wp.array,
-    out_est_voxel: wp.array,
-    out_gt_voxel: wp.array,
-) -> None:
+    out_status: wp.array | None = None,
+    out_pose: wp.array | None = None,
+    out_est_voxel: wp.array | None = None,
+    out_gt_voxel: wp.array | None = None,
+) -> tuple[wp.array, wp.array, wp.array, wp.array]:
     """Choose one pose for each predicted point and transfer its ray.
 
     Args:
         points: (N,) vec3, predicted points, metres relative to the grid's origin.
         poses: P matched pose pairs.
+        order: poses in the order to try, int32 indices into `poses`. For the nearest a random order casts fewest
+            rays: along a path each pose tends to be nearer than the one before.
+        first_wins: the first pose of `order` that sees a point is chosen; else the nearest.
         view: what an image shows.
         est, gt: surfaces of both maps.
         tolerance: metres; the first predicted voxel on the ray must lie nearer to the point than this.
-        group_of: (N,) int32, the row of `order` for each point.
-        order: (G, P) int32, poses in the order to try.
-        at_least: (G, P) float32, ascending lower bounds of the distance from the poses of `order` to every point of the
-            group, metres: the nearest pose wins. All -1: the first pose of `order` that sees the point wins.
-        out_status: (N,) int32, OUT_OF_VIEW, OCCLUDED or VISIBLE.
+        out_status: (N,) int32, OUT_OF_VIEW, OCCLUDED or VISIBLE. Like the other outputs allocated if None.
         out_pose: (N,) int32, the chosen pose; -1 if none sees the point.
         out_est_voxel: (N,) int32, first predicted voxel on the ray; -1 if none.
         out_gt_voxel: (N,) int32, first ground-truth voxel on the transferred ray; -1 if none.
+
+    Returns:
+        The four outputs.
     """
-    device, n = points.device, len(points)
-    check_array("points", points, wp.vec3, (n,), device)
-    check_array("group_of", group_of, wp.int32, (n,), device)
-    check_array("order", order, wp.int32, (None, len(poses.T_map_est)), device)
-    check_array("at_least", at_least, wp.float32, tuple(order.shape), device)
-    for name, out in (
-        ("out_status", out_status),
-        ("out_pose", out_pose),
-        ("out_est_voxel", out_est_voxel),
-        ("out_gt_voxel", out_gt_voxel),
-    ):
-        check_array(name, out, wp.int32, (n,), device)
+    device, shape = points.device, (len(points),)
+    _check_inputs(points, poses, est, gt)
+    check_array("order", order, wp.int32, (None,), device)
+    names = ("out_status", "out_pose", "out_est_voxel", "out_gt_voxel")
+    given = (out_status, out_pose, out_est_voxel, out_gt_voxel)
+    outs = tuple(_output(name, out, shape, device) for name, out in zip(names, given, strict=True))
     wp.launch(
         _associate_kernel,
-        dim=n,
-        inputs=[points, group_of, order, at_least, poses, view, est, gt, tolerance],
-        outputs=[out_status, out_pose, out_est_voxel, out_gt_voxel],
+        dim=shape,
+        inputs=[points, poses, order, first_wins, view, est, gt, tolerance],
+        outputs=list(outs),
         device=device,
     )
+    return outs
 
 
 def associate_all(
@@ -237,24 +241,41 @@ def associate_all(
     gt: Surface,
     tolerance: float,
     *,
-    out_status: wp.array,
-    out_est_voxel: wp.array,
-    out_gt_voxel: wp.array,
-) -> None:
-    """Transfer the ray of every predicted point from every pose; see `associate`. Outputs are (N, P) int32."""
-    device = points.device
-    shape = (len(points), len(poses.T_map_est))
-    check_array("points", points, wp.vec3, (None,), device)
-    for name, out in (
-        ("out_status", out_status),
-        ("out_est_voxel", out_est_voxel),
-        ("out_gt_voxel", out_gt_voxel),
-    ):
-        check_array(name, out, wp.int32, shape, device)
+    out_status: wp.array | None = None,
+    out_est_voxel: wp.array | None = None,
+    out_gt_voxel: wp.array | None = None,
+) -> tuple[wp.array, wp.array, wp.array]:
+    """Transfer the ray of every predicted point from every pose; see `associate`.
+
+    Returns:
+        out_status, out_est_voxel, out_gt_voxel, each (N, P) int32.
+    """
+    device, shape = points.device, (len(points), len(poses.T_map_est))
+    _check_inputs(points, poses, est, gt)
+    names = ("out_status", "out_est_voxel", "out_gt_voxel")
+    given = (out_status, out_est_voxel, out_gt_voxel)
+    outs = tuple(_output(name, out, shape, device) for name, out in zip(names, given, strict=True))
     wp.launch(
         _associate_all_kernel,
         dim=shape,
         inputs=[points, poses, view, est, gt, tolerance],
-        outputs=[out_status, out_est_voxel, out_gt_voxel],
+        outputs=list(outs),
         device=device,
     )
+    return outs
+
+
+def _check_inputs(points: wp.array, poses: PosePairs, est: Surface, gt: Surface) -> None:
+    device = points.device
+    check_array("points", points, wp.vec3, (None,), device)
+    check_array("poses.T_map_est", poses.T_map_est, wp.transformf, (None,), device)
+    check_array("poses.T_map_gt", poses.T_map_gt, wp.transformf, (len(poses.T_map_est),), device)
+    check_surface("est", est, device)
+    check_surface("gt", gt, device)
+
+
+def _output(name: str, out: wp.array | None, shape: tuple[int, ...], device: Any) -> wp.array:
+    if out is None:
+        return wp.empty(shape, dtype=wp.int32, device=device)
+    check_array(name, out, wp.int32, shape, device)
+    return out

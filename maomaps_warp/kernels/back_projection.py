@@ -8,9 +8,10 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.voxel_hash import VoxelHash, add_sample, cell_of
+from maomaps_warp.kernels.voxel_hash import VoxelHash, add_sample, cell_of, check_table
 
-wp.set_module_options({"enable_backward": False})
+# No fused multiply-adds: CPU and CUDA must put a point on a face into the same cell.
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.struct
@@ -47,11 +48,10 @@ def _integrate_depth_kernel(
     depth: wp.array2d(dtype=wp.float32),
     colors: wp.array3d(dtype=wp.uint8),
     camera: Pinhole,
-    T_map_camera: wp.transformf,
+    T_map_camera: wp.array(dtype=wp.transformf),
     sampling: DepthSampling,
     # Out:
     table: VoxelHash,
-    out_used: wp.array(dtype=wp.int64),
 ):
     row, column = wp.tid()
     v = row * sampling.stride
@@ -61,42 +61,43 @@ def _integrate_depth_kernel(
         p_camera = back_project(camera, wp.float32(u), wp.float32(v), z)
         distance = wp.length(p_camera)
         if distance > sampling.min_range and distance < sampling.max_range:
-            p_map = wp.transform_point(T_map_camera, p_camera * sampling.depth_scale)
+            p_map = wp.transform_point(T_map_camera[0], p_camera * sampling.depth_scale)
             color = wp.vec3i(0, 0, 0)
             if colors.shape[0] > 0:
                 color = wp.vec3i(wp.int32(colors[v, u, 0]), wp.int32(colors[v, u, 1]), wp.int32(colors[v, u, 2]))
             ijk = cell_of(p_map, sampling.inv_voxel_size, sampling.center_offset)
             add_sample(table, ijk, color, wp.int64(1))
-            wp.atomic_add(out_used, 0, wp.int64(1))
 
 
 def integrate_depth(
     depth: wp.array,
     camera: Pinhole,
-    T_map_camera: wp.transformf,
+    T_map_camera: wp.array,
     sampling: DepthSampling,
     *,
     colors: wp.array | None = None,
     out_table: VoxelHash,
-    out_used: wp.array,
 ) -> None:
     """Add one depth image to a voxel hash.
 
     Args:
         depth: (H, W) float32, metres along the optical axis; values <= 0 and NaN are missing.
         camera: intrinsics of the image.
-        T_map_camera: camera frame to the map's frame (metres, relative to the grid's origin).
+        T_map_camera: (1,) transformf, camera frame to the map's frame (metres, relative to the grid's origin); an
+            array, so that a captured graph can be replayed for the next frame.
         sampling: ranges, voxel size, stride.
-        colors: (H, W, 3) uint8 RGB, or None.
-        out_table: the hash that grows; see `VoxelHash.rejected` for samples it could not take.
-        out_used: (1,) int64, incremented by the number of pixels within range.
+        colors: (H, W, 3) uint8 RGB, or None; the table must keep colours exactly if they are given.
+        out_table: takes the samples; those it could not take are counted in its `rejected`.
     """
     device = depth.device
     height, width = depth.shape
     check_array("depth", depth, wp.float32, (height, width), device)
-    check_array("out_used", out_used, wp.int64, (1,), device)
+    check_array("T_map_camera", T_map_camera, wp.transformf, (1,), device)
+    check_table("out_table", out_table, device)
     if sampling.stride < 1:
         raise ValueError(f"sampling.stride: expected at least 1, got {sampling.stride}")
+    if (colors is None) != (out_table.color_sums.shape[0] == 0):
+        raise ValueError("colors: expected exactly if out_table keeps colours")
     if colors is None:
         colors = wp.empty((0, 0, 3), dtype=wp.uint8, device=device)
     else:
@@ -105,6 +106,6 @@ def integrate_depth(
         _integrate_depth_kernel,
         dim=(-(-height // sampling.stride), -(-width // sampling.stride)),
         inputs=[depth, colors, camera, T_map_camera, sampling],
-        outputs=[out_table, out_used],
+        outputs=[out_table],
         device=device,
     )

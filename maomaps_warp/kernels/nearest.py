@@ -1,7 +1,8 @@
 """Exact nearest neighbours of free points in a bounding-volume tree.
 
 The tree is complete: points in Morton order are cut into 2^levels leaves of equal size, node n has children 2n and
-2n + 1, and the boxes are tight. Any distribution of points works, clouds far apart and outliers included.
+2n + 1, and the boxes are tight. Any distribution of points works, clouds far apart and outliers included; float64, so
+that an outlier cannot take the precision of the others away.
 """
 
 from __future__ import annotations
@@ -10,43 +11,44 @@ import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
 
-wp.set_module_options({"enable_backward": False})
+# No fused multiply-adds: a box must never be a bit farther than a point in it.
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # A tree of L levels needs L + 1 places on the stack; 2^31 points are fewer than 32 levels.
 _node_stack = wp.types.vector(length=32, dtype=wp.int32)
-_distance_stack = wp.types.vector(length=32, dtype=wp.float32)
+_distance_stack = wp.types.vector(length=32, dtype=wp.float64)
 
 
 @wp.struct
 class PointTree:
-    """A tree over points, metres relative to one origin."""
+    """A tree over points, metres."""
 
-    points: wp.array(dtype=wp.vec3)  # (N,) in Morton order
+    points: wp.array(dtype=wp.vec3d)  # (N,) in Morton order
     original: wp.array(dtype=wp.int32)  # (N,) their places in the caller's cloud
-    lower: wp.array(dtype=wp.vec3)  # (2 * leaves,) box of node n; entry 0 unused
-    upper: wp.array(dtype=wp.vec3)  # (2 * leaves,)
+    lower: wp.array(dtype=wp.vec3d)  # (2 * leaves,) box of node n; entry 0 unused
+    upper: wp.array(dtype=wp.vec3d)  # (2 * leaves,)
     leaf_start: wp.array(dtype=wp.int32)  # (leaves + 1,) points of leaf l: leaf_start[l] to leaf_start[l + 1]
 
 
 @wp.func
-def box_distance_sq(lower: wp.vec3, upper: wp.vec3, point: wp.vec3) -> wp.float32:
+def box_distance_sq(lower: wp.vec3d, upper: wp.vec3d, point: wp.vec3d) -> wp.float64:
     """Squared distance from a point to a box; 0 inside."""
     # where() instead of max(): wp.max carries NaN logic, which costs more than the comparison.
-    total = wp.float32(0.0)
+    total = wp.float64(0.0)
     for axis in range(3):
         below = lower[axis] - point[axis]
         above = point[axis] - upper[axis]
         gap = wp.where(below > above, below, above)
-        gap = wp.where(gap > 0.0, gap, 0.0)
+        gap = wp.where(gap > wp.float64(0.0), gap, wp.float64(0.0))
         total += gap * gap
     return total
 
 
 @wp.func
-def nearest_point(tree: PointTree, query: wp.vec3) -> wp.int32:
+def nearest_point(tree: PointTree, query: wp.vec3d) -> wp.int32:
     """Place in the caller's cloud of the point nearest to `query`; of equally near ones the lowest."""
     leaves = tree.leaf_start.shape[0] - 1
-    best = wp.float32(wp.inf)
+    best = wp.float64(wp.inf)
     result = int(-1)
     nodes = _node_stack()
     distances = _distance_stack()
@@ -82,7 +84,7 @@ def nearest_point(tree: PointTree, query: wp.vec3) -> wp.int32:
 def _nearest_kernel(
     # In:
     tree: PointTree,
-    queries: wp.array(dtype=wp.vec3),
+    queries: wp.array(dtype=wp.vec3d),
     # Out:
     out_index: wp.array(dtype=wp.int32),
 ):
@@ -95,14 +97,19 @@ def find_nearest(tree: PointTree, queries: wp.array, *, out_index: wp.array | No
 
     Args:
         tree: at least one point.
-        queries: (Q,) vec3, metres relative to the tree's origin.
+        queries: (Q,) vec3d, metres.
         out_index: (Q,) int32. None: allocated.
 
     Returns:
         out_index: place of the nearest point in the caller's cloud; of equally near ones the lowest.
     """
     device = queries.device
-    check_array("queries", queries, wp.vec3, (None,), device)
+    check_array("queries", queries, wp.vec3d, (None,), device)
+    check_array("tree.points", tree.points, wp.vec3d, (None,), device)
+    check_array("tree.original", tree.original, wp.int32, (len(tree.points),), device)
+    check_array("tree.leaf_start", tree.leaf_start, wp.int32, (None,), device)
+    check_array("tree.lower", tree.lower, wp.vec3d, (2 * len(tree.leaf_start) - 2,), device)
+    check_array("tree.upper", tree.upper, wp.vec3d, (2 * len(tree.leaf_start) - 2,), device)
     if out_index is None:
         out_index = wp.empty(len(queries), dtype=wp.int32, device=device)
     check_array("out_index", out_index, wp.int32, (len(queries),), device)

@@ -7,9 +7,10 @@ from typing import Any
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.voxel_hash import EMPTY_KEY, cell_of, find_slot, pack_key
+from maomaps_warp.kernels.voxel_hash import EMPTY_KEY, build_voxel_index, cell_of, find_slot, pack_key
 
-wp.set_module_options({"enable_backward": False})
+# No fused multiply-adds: CPU and CUDA must agree on the rays that pass an edge.
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NO_HIT = wp.constant(wp.int32(-1))
 
@@ -18,7 +19,8 @@ NO_HIT = wp.constant(wp.int32(-1))
 class Surface:
     """A voxel map as rays see it: closed cubes of edge `voxel_size`.
 
-    Coordinates are metres relative to the grid's origin.
+    Coordinates are metres relative to the grid's origin. `mesh` is an id and keeps nothing alive: hold on to the
+    wp.Mesh that `build_surface` returns beside this.
     """
 
     mesh: wp.uint64  # id of a wp.Mesh of the exposed faces, two triangles a face
@@ -113,6 +115,7 @@ def _write_faces_kernel(
     voxel_size: wp.float32,
     center_offset: wp.float32,
     # Out:
+    out_centers: wp.array(dtype=wp.vec3),
     out_vertices: wp.array(dtype=wp.vec3),
     out_indices: wp.array(dtype=wp.int32),
     out_face_voxel: wp.array(dtype=wp.int32),
@@ -123,6 +126,7 @@ def _write_faces_kernel(
     center = wp.vec3(wp.float32(cell[0]), wp.float32(cell[1]), wp.float32(cell[2])) + wp.vec3(
         center_offset, center_offset, center_offset
     )
+    out_centers[voxel] = center * voxel_size
     face = first_face[voxel]
     for side in range(6):
         if not is_occupied(keys, cell + neighbour_step(side)):
@@ -151,62 +155,53 @@ def _cast_rays_kernel(
     out_voxel[ray] = first_surface(surface, origins[ray], directions[ray], max_distance)
 
 
-def count_faces(ijk: wp.array, keys: wp.array, *, out_faces: wp.array | None = None) -> wp.array:
-    """Number of exposed faces (0 to 6) of each voxel.
+def build_surface(ijk: wp.array, voxel_size: float, center_offset: float = 0.0) -> tuple[wp.Mesh, Surface]:
+    """The surface of occupied voxels: their exposed faces as a mesh, normals outwards, and a hash of the voxels.
+
+    Unlike the launchers this reads the number of faces back from the device.
 
     Args:
-        ijk: (N,) vec3i, occupied voxels.
-        keys: their hash, from `build_voxel_index`.
-        out_faces: (N,) int32. None: allocated.
-    """
-    device = ijk.device
-    check_array("ijk", ijk, wp.vec3i, (None,), device)
-    check_array("keys", keys, wp.int64, (None,), device)
-    if out_faces is None:
-        out_faces = wp.empty(len(ijk), dtype=wp.int32, device=device)
-    check_array("out_faces", out_faces, wp.int32, (len(ijk),), device)
-    wp.launch(_count_faces_kernel, dim=len(ijk), inputs=[ijk, keys], outputs=[out_faces], device=device)
-    return out_faces
-
-
-def write_faces(
-    ijk: wp.array,
-    keys: wp.array,
-    first_face: wp.array,
-    voxel_size: float,
-    center_offset: float,
-    *,
-    out_vertices: wp.array,
-    out_indices: wp.array,
-    out_face_voxel: wp.array,
-) -> None:
-    """Write the exposed faces: four vertices and two triangles each, normals outwards.
-
-    Args:
-        ijk: (N,) vec3i, occupied voxels.
-        keys: their hash, from `build_voxel_index`.
-        first_face: (N,) int32, exclusive prefix sum of `count_faces`.
+        ijk: (N,) vec3i, occupied voxels, unique, N >= 1.
         voxel_size: metres.
-        center_offset: of the grid, see `VoxelGrid`.
-        out_vertices: (4 * faces,) vec3, metres relative to the grid's origin.
-        out_indices: (6 * faces,) int32.
-        out_face_voxel: (2 * faces,) int32, triangle -> voxel.
+        center_offset: 0 if cells are centred on multiples of the voxel size, 0.5 if they start there.
+
+    Returns:
+        The mesh (four vertices and two triangles a face, metres), which the caller keeps alive, and the Surface.
     """
     device = ijk.device
-    faces = len(out_vertices) // 4
     check_array("ijk", ijk, wp.vec3i, (None,), device)
-    check_array("keys", keys, wp.int64, (None,), device)
-    check_array("first_face", first_face, wp.int32, (len(ijk),), device)
-    check_array("out_vertices", out_vertices, wp.vec3, (4 * faces,), device)
-    check_array("out_indices", out_indices, wp.int32, (6 * faces,), device)
-    check_array("out_face_voxel", out_face_voxel, wp.int32, (2 * faces,), device)
+    if not len(ijk):
+        raise ValueError("ijk: expected at least one voxel, got none")
+    surface = Surface()
+    surface.keys, surface.values = build_voxel_index(ijk)
+    surface.inv_voxel_size, surface.center_offset = 1.0 / voxel_size, center_offset
+    surface.centers = wp.empty(len(ijk), dtype=wp.vec3, device=device)
+    counts = wp.empty(len(ijk), dtype=wp.int32, device=device)
+    wp.launch(_count_faces_kernel, dim=len(ijk), inputs=[ijk, surface.keys], outputs=[counts], device=device)
+    first_face = wp.empty_like(counts)
+    wp.utils.array_scan(counts, first_face, inclusive=False)
+    faces = int(first_face[-1:].numpy()[0]) + int(counts[-1:].numpy()[0])
+    vertices = wp.empty(4 * faces, dtype=wp.vec3, device=device)
+    indices = wp.empty(6 * faces, dtype=wp.int32, device=device)
+    surface.face_voxel = wp.empty(2 * faces, dtype=wp.int32, device=device)
     wp.launch(
         _write_faces_kernel,
         dim=len(ijk),
-        inputs=[ijk, keys, first_face, voxel_size, center_offset],
-        outputs=[out_vertices, out_indices, out_face_voxel],
+        inputs=[ijk, surface.keys, first_face, voxel_size, center_offset],
+        outputs=[surface.centers, vertices, indices, surface.face_voxel],
         device=device,
     )
+    mesh = wp.Mesh(points=vertices, indices=indices)
+    surface.mesh = mesh.id
+    return mesh, surface
+
+
+def check_surface(name: str, surface: Surface, device: Any) -> None:
+    """Raise unless the arrays of a surface fit together and lie on `device`."""
+    check_array(f"{name}.face_voxel", surface.face_voxel, wp.int32, (None,), device)
+    check_array(f"{name}.centers", surface.centers, wp.vec3, (None,), device)
+    check_array(f"{name}.keys", surface.keys, wp.int64, (None,), device)
+    check_array(f"{name}.values", surface.values, wp.int32, (len(surface.keys),), device)
 
 
 def cast_rays(
@@ -216,7 +211,6 @@ def cast_rays(
     max_distance: float = 1.0e6,
     *,
     out_voxel: wp.array | None = None,
-    device: Any = None,
 ) -> wp.array:
     """First occupied voxel on each ray.
 
@@ -226,12 +220,12 @@ def cast_rays(
         directions: (R,) vec3, unit vectors.
         max_distance: metres.
         out_voxel: (R,) int32. None: allocated.
-        device: defaults to that of `origins`.
 
     Returns:
         out_voxel: position of the hit voxel in the map; -1 where the ray meets nothing.
     """
-    device = origins.device if device is None else device
+    device = origins.device
+    check_surface("surface", surface, device)
     check_array("origins", origins, wp.vec3, (None,), device)
     check_array("directions", directions, wp.vec3, (len(origins),), device)
     if out_voxel is None:

@@ -13,14 +13,12 @@ import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
 
-wp.set_module_options({"enable_backward": False})
+# No fused multiply-adds: CPU and CUDA must put a point on a face into the same cell.
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 EMPTY_KEY = wp.constant(wp.int64(-1))
 KEY_BITS = wp.constant(wp.int64(21))
-KEY_BIAS = wp.constant(wp.int32(1 << 20))
-# 2^64 / golden ratio: Fibonacci hashing (Knuth, TAOCP 3, 6.4) spreads neighbouring keys over the table.
-_GOLDEN = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
-_HASH_SHIFT = wp.constant(wp.uint64(32))
+KEY_BIAS = wp.constant(1 << 20)
 
 
 @wp.struct
@@ -29,7 +27,7 @@ class VoxelHash:
 
     keys: wp.array(dtype=wp.int64)  # (capacity,)
     counts: wp.array(dtype=wp.int64)  # (capacity,) samples
-    color_sums: wp.array2d(dtype=wp.int64)  # (capacity, 3) sums of 8-bit RGB
+    color_sums: wp.array2d(dtype=wp.int64)  # (capacity, 3) sums of 8-bit RGB; (0, 3) if colours are not kept
     size: wp.array(dtype=wp.int32)  # (1,) slots in use
     rejected: wp.array(dtype=wp.int64)  # (2,) samples lost: [no free slot, voxel outside the key range]
 
@@ -48,20 +46,39 @@ def pack_key(ijk: wp.vec3i) -> wp.int64:
 
 
 @wp.func
+def _cell_along_axis(scaled: wp.float32, center_offset: wp.float32) -> wp.int32:
+    cell = wp.floor(scaled)
+    if center_offset == 0.0:
+        cell = wp.rint(scaled)
+    # Converting NaN or a huge number to an integer is undefined: these get an index that no key holds.
+    index = 2 * KEY_BIAS
+    if wp.abs(cell) < wp.float32(2 * KEY_BIAS):
+        index = wp.int32(cell)
+    return index
+
+
+@wp.func
 def cell_of(point: wp.vec3, inv_voxel_size: wp.float32, center_offset: wp.float32) -> wp.vec3i:
-    """Voxel that holds `point` (metres, relative to the grid's origin); halves round to even."""
+    """Voxel that holds `point` (metres, relative to the grid's origin).
+
+    center_offset 0: cells centred on multiples of the voxel size, halves round to even (as in the world, if the
+    grid's origin is an even index); 0.5: cells start there.
+    """
     return wp.vec3i(
-        wp.int32(wp.rint(point[0] * inv_voxel_size - center_offset)),
-        wp.int32(wp.rint(point[1] * inv_voxel_size - center_offset)),
-        wp.int32(wp.rint(point[2] * inv_voxel_size - center_offset)),
+        _cell_along_axis(point[0] * inv_voxel_size, center_offset),
+        _cell_along_axis(point[1] * inv_voxel_size, center_offset),
+        _cell_along_axis(point[2] * inv_voxel_size, center_offset),
     )
 
 
 @wp.func
 def _first_slot(key: wp.int64, capacity: wp.int32) -> wp.int32:
-    # Fold the product's high half into an index: the low bits of a product of odd numbers are weak.
-    mixed = (wp.uint64(key) * _GOLDEN) >> _HASH_SHIFT
-    return wp.int32(mixed & wp.uint64(capacity - 1))
+    # The finaliser of MurmurHash3 (A. Appleby, public domain): every bit of the key moves every bit of the slot.
+    h = wp.uint64(key)
+    h = (h ^ (h >> wp.uint64(33))) * wp.uint64(0xFF51AFD7ED558CCD)
+    h = (h ^ (h >> wp.uint64(33))) * wp.uint64(0xC4CEB9FE1A85EC53)
+    h = h ^ (h >> wp.uint64(33))
+    return wp.int32(h & wp.uint64(capacity - 1))
 
 
 @wp.func
@@ -70,41 +87,36 @@ def find_slot(keys: wp.array(dtype=wp.int64), key: wp.int64) -> wp.int32:
     capacity = keys.shape[0]
     slot = _first_slot(key, capacity)
     result = int(-1)
-    probes = int(0)
-    while probes < capacity:
+    for _probe in range(capacity):
         found = keys[slot]
         if found == key:
             result = slot
-            probes = capacity
-        elif found == EMPTY_KEY:
-            probes = capacity
-        else:
-            slot = (slot + 1) & (capacity - 1)
-            probes += 1
+            break
+        if found == EMPTY_KEY:
+            break
+        slot = (slot + 1) & (capacity - 1)
     return result
 
 
 @wp.func
-def claim_slot(keys: wp.array(dtype=wp.int64), size: wp.array(dtype=wp.int32), key: wp.int64) -> wp.int32:
-    """Slot of `key`, taking a free one if it is new; -1 if the table is full."""
+def claim_slot(keys: wp.array(dtype=wp.int64), key: wp.int64):
+    """(slot of `key`, whether it was free until now), taking a free one if the key is new; (-1, False) if full."""
     capacity = keys.shape[0]
     slot = _first_slot(key, capacity)
     result = int(-1)
-    probes = int(0)
-    while probes < capacity:
+    is_new = bool(False)
+    for _probe in range(capacity):
         found = keys[slot]
         if found == EMPTY_KEY:
             found = wp.atomic_cas(keys, slot, EMPTY_KEY, key)
             if found == EMPTY_KEY:
-                wp.atomic_add(size, 0, 1)
+                is_new = True
                 found = key
         if found == key:
             result = slot
-            probes = capacity
-        else:
-            slot = (slot + 1) & (capacity - 1)
-            probes += 1
-    return result
+            break
+        slot = (slot + 1) & (capacity - 1)
+    return result, is_new
 
 
 @wp.func
@@ -115,14 +127,16 @@ def add_sample(table: VoxelHash, ijk: wp.vec3i, color: wp.vec3i, weight: wp.int6
     if key == EMPTY_KEY:
         wp.atomic_add(table.rejected, 1, weight)
     else:
-        slot = claim_slot(table.keys, table.size, key)
+        slot, is_new = claim_slot(table.keys, key)
+        if is_new:
+            wp.atomic_add(table.size, 0, 1)
         if slot < 0:
             wp.atomic_add(table.rejected, 0, weight)
         else:
             wp.atomic_add(table.counts, slot, weight)
-            wp.atomic_add(table.color_sums, slot, 0, wp.int64(color[0]))
-            wp.atomic_add(table.color_sums, slot, 1, wp.int64(color[1]))
-            wp.atomic_add(table.color_sums, slot, 2, wp.int64(color[2]))
+            if table.color_sums.shape[0] > 0:
+                for channel in range(3):
+                    wp.atomic_add(table.color_sums, slot, channel, wp.int64(color[channel]))
     return slot
 
 
@@ -136,10 +150,11 @@ def _rehash_kernel(
     slot = wp.tid()
     key = source.keys[slot]
     if key != EMPTY_KEY:
-        moved = claim_slot(target.keys, target.size, key)
+        moved, _is_new = claim_slot(target.keys, key)
         target.counts[moved] = source.counts[slot]
-        for channel in range(3):
-            target.color_sums[moved, channel] = source.color_sums[slot, channel]
+        if source.color_sums.shape[0] > 0:
+            for channel in range(3):
+                target.color_sums[moved, channel] = source.color_sums[slot, channel]
 
 
 @wp.kernel
@@ -149,42 +164,53 @@ def _index_kernel(
     # Out:
     keys: wp.array(dtype=wp.int64),
     values: wp.array(dtype=wp.int32),
-    size: wp.array(dtype=wp.int32),
 ):
     voxel = wp.tid()
-    slot = claim_slot(keys, size, pack_key(ijk[voxel]))
+    slot, _is_new = claim_slot(keys, pack_key(ijk[voxel]))
     values[slot] = voxel
 
 
-def create_voxel_hash(capacity: int, device: Any = None) -> VoxelHash:
+def create_voxel_hash(capacity: int, device: Any = None, *, with_colors: bool = False) -> VoxelHash:
     """An empty table.
 
     Args:
         capacity: slots, a power of two, at most 2^30.
         device: Warp device.
+        with_colors: also sum colours; takes 40 instead of 16 bytes a slot.
     """
     if capacity < 1 or capacity & (capacity - 1) or capacity > 1 << 30:
         raise ValueError(f"capacity: expected a power of two up to 2^30, got {capacity}")
     table = VoxelHash()
     table.keys = wp.full(capacity, wp.int64(-1), dtype=wp.int64, device=device)
     table.counts = wp.zeros(capacity, dtype=wp.int64, device=device)
-    table.color_sums = wp.zeros((capacity, 3), dtype=wp.int64, device=device)
+    table.color_sums = wp.zeros((capacity if with_colors else 0, 3), dtype=wp.int64, device=device)
     table.size = wp.zeros(1, dtype=wp.int32, device=device)
     table.rejected = wp.zeros(2, dtype=wp.int64, device=device)
     return table
 
 
+def check_table(name: str, table: VoxelHash, device: Any) -> None:
+    """Raise unless the arrays of a table fit together and lie on `device`."""
+    capacity = table.keys.shape[0]
+    check_array(f"{name}.keys", table.keys, wp.int64, (capacity,), device)
+    check_array(f"{name}.counts", table.counts, wp.int64, (capacity,), device)
+    color_rows = capacity if table.color_sums.shape[0] else 0
+    check_array(f"{name}.color_sums", table.color_sums, wp.int64, (color_rows, 3), device)
+    check_array(f"{name}.size", table.size, wp.int32, (1,), device)
+    check_array(f"{name}.rejected", table.rejected, wp.int64, (2,), device)
+
+
 def rehash(source: VoxelHash, target: VoxelHash) -> None:
     """Move every voxel of `source` into the empty, larger `target` on the same device."""
+    device = source.keys.device
+    check_table("source", source, device)
+    check_table("target", target, device)
     if target.keys.shape[0] < source.keys.shape[0]:
         raise ValueError(f"target: expected at least {source.keys.shape[0]} slots, got {target.keys.shape[0]}")
-    wp.launch(
-        _rehash_kernel,
-        dim=source.keys.shape[0],
-        inputs=[source],
-        outputs=[target],
-        device=source.keys.device,
-    )
+    if bool(source.color_sums.shape[0]) != bool(target.color_sums.shape[0]):
+        raise ValueError("target: expected colours exactly where source has them")
+    wp.launch(_rehash_kernel, dim=source.keys.shape[0], inputs=[source], outputs=[target], device=device)
+    wp.copy(target.size, source.size)
     wp.copy(target.rejected, source.rejected)
 
 
@@ -195,7 +221,7 @@ def build_voxel_index(
 
     Args:
         ijk: occupied voxels, (N,) vec3i, unique, every index within 2^20 of zero.
-        out_keys: (capacity,) int64, filled with EMPTY_KEY; a power of two larger than N. None: allocated.
+        out_keys: (capacity,) int64; a power of two larger than N. None: allocated.
         out_values: (capacity,) int32. None: allocated.
 
     Returns:
@@ -204,15 +230,14 @@ def build_voxel_index(
     device = ijk.device
     check_array("ijk", ijk, wp.vec3i, (None,), device)
     if out_keys is None:
-        capacity = 1 << max(4, (2 * len(ijk) - 1).bit_length())
-        out_keys = wp.full(capacity, wp.int64(-1), dtype=wp.int64, device=device)
+        out_keys = wp.empty(1 << max(4, (2 * len(ijk) - 1).bit_length()), dtype=wp.int64, device=device)
     capacity = out_keys.shape[0]
     if capacity & (capacity - 1) or capacity <= len(ijk):
         raise ValueError(f"out_keys: expected a power of two above {len(ijk)}, got {capacity}")
     if out_values is None:
-        out_values = wp.full(capacity, -1, dtype=wp.int32, device=device)
+        out_values = wp.empty(capacity, dtype=wp.int32, device=device)
     check_array("out_keys", out_keys, wp.int64, (capacity,), device)
     check_array("out_values", out_values, wp.int32, (capacity,), device)
-    size = wp.zeros(1, dtype=wp.int32, device=device)
-    wp.launch(_index_kernel, dim=len(ijk), inputs=[ijk], outputs=[out_keys, out_values, size], device=device)
+    out_keys.fill_(EMPTY_KEY)
+    wp.launch(_index_kernel, dim=len(ijk), inputs=[ijk], outputs=[out_keys, out_values], device=device)
     return out_keys, out_values

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,10 +24,3 @@ def transforms_relative_to(origin: NDArray[np.float64], T_world_camera: NDArray[
         return np.empty((0, 7), dtype=np.float32)
     xyzw = Rotation.from_matrix(T_world_camera[:, :3, :3]).as_quat()
     return np.concatenate([T_world_camera[:, :3, 3] - origin, xyzw], axis=1).astype(np.float32)
-
-
-def transform_relative_to(origin: NDArray[np.float64], T_world_camera: NDArray[np.float64]) -> Any:
-    """One pose, (4, 4) float64, as wp.transformf relative to `origin`."""
-    import warp as wp
-
-    return wp.transformf(*transforms_relative_to(origin, T_world_camera[None])[0].tolist())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from maomaps_warp.model.voxels import VoxelGrid, VoxelMap, unpack_keys
 #: The table grows before it is fuller than this share: linear probing slows down steeply above.
 MAX_LOAD = 0.5
 MAX_CAPACITY = 1 << 30
+_FIRST_CAPACITY = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,7 @@ def build_voxel_map(
         InputError: a point beyond the reach of the grid.
         CapacityError: more voxels than the largest table holds.
     """
-    table = _Table(device)
-    used = _zeros_int64(device)
+    table = _Table(device, with_colors)
     frames = without_pose = pixels = 0
     for frame in stream.read(with_colors):
         frames += 1
@@ -97,28 +96,32 @@ def build_voxel_map(
         if T_world_camera is None:
             without_pose += 1
         else:
-            pixels += _integrate(table, used, frame, stream, T_world_camera, grid, limits, with_colors)
+            pixels += _integrate(table, frame, stream, T_world_camera, grid, limits)
         if progress is not None:
             progress(frames, stream.count)
     _check_nothing_rejected(table, grid, stream.source)
-    voxels = _export(table, grid, with_colors)
-    return MapBuild(voxels, frames, without_pose, pixels, int(used.numpy()[0]))
+    voxels = _export(table, grid)
+    return MapBuild(voxels, frames, without_pose, pixels, int(voxels.counts.sum()))
 
 
 class _Table:
     """A voxel hash that grows. State lives here and nowhere else."""
 
-    def __init__(self, device: str) -> None:
+    def __init__(self, device: str, with_colors: bool) -> None:
         from maomaps_warp.kernels.voxel_hash import create_voxel_hash
 
-        self.device = device
-        self.hash = create_voxel_hash(1 << 16, device)
+        self.device, self.with_colors = device, with_colors
+        self.hash = create_voxel_hash(_FIRST_CAPACITY, device, with_colors=with_colors)
+        self.at_most = 0  # voxels in the table; an upper bound, so that the device is rarely asked
 
     def reserve(self, samples: int) -> None:
         """Make room for `samples` new voxels, so that no insertion can fail."""
         from maomaps_warp.kernels.voxel_hash import create_voxel_hash, rehash
 
-        needed = (int(self.hash.size.numpy()[0]) + samples) / MAX_LOAD
+        if (self.at_most + samples) / MAX_LOAD > self.hash.keys.shape[0]:
+            self.at_most = int(self.hash.size.numpy()[0])
+        self.at_most += samples
+        needed = self.at_most / MAX_LOAD
         if needed <= self.hash.keys.shape[0]:
             return
         capacity = 1 << int(np.ceil(np.log2(needed)))
@@ -126,25 +129,23 @@ class _Table:
             raise CapacityError(
                 f"the voxel map needs {capacity} slots, more than {MAX_CAPACITY}: raise --voxel-size or shorten the run"
             )
-        larger = create_voxel_hash(capacity, self.device)
+        larger = create_voxel_hash(capacity, self.device, with_colors=self.with_colors)
         rehash(self.hash, larger)
         self.hash = larger
 
 
 def _integrate(
     table: _Table,
-    used: Any,
     frame: Frame,
     stream: FrameStream,
     T_world_camera: NDArray[np.float64],
     grid: VoxelGrid,
     limits: DepthLimits,
-    with_colors: bool,
 ) -> int:
     import warp as wp
 
     from maomaps_warp.kernels.back_projection import DepthSampling, Pinhole, integrate_depth
-    from maomaps_warp.mapping.poses import transform_relative_to
+    from maomaps_warp.mapping.poses import transforms_relative_to
 
     camera = stream.camera
     if frame.depth.shape != (camera.height, camera.width):
@@ -162,26 +163,19 @@ def _integrate(
     sampling.depth_scale, sampling.stride = limits.depth_scale, limits.pixel_stride
     sampling.inv_voxel_size, sampling.center_offset = 1.0 / grid.voxel_size, grid.center_offset
     colors = None
-    if with_colors:
+    if table.with_colors:
         if frame.colors is None:
             raise InputError(f"{stream.source}, frame {frame.index}", "no colour image belongs to this depth image")
         colors = wp.array(frame.colors, dtype=wp.uint8, device=table.device)
     integrate_depth(
         wp.array(frame.depth, dtype=wp.float32, device=table.device),
         pinhole,
-        transform_relative_to(grid.origin, T_world_camera),
+        wp.array(transforms_relative_to(grid.origin, T_world_camera[None]), dtype=wp.transformf, device=table.device),
         sampling,
         colors=colors,
         out_table=table.hash,
-        out_used=used,
     )
     return sampled[0] * sampled[1]
-
-
-def _zeros_int64(device: str) -> Any:
-    import warp as wp
-
-    return wp.zeros(1, dtype=wp.int64, device=device)
 
 
 def _check_nothing_rejected(table: _Table, grid: VoxelGrid, source: str) -> None:
@@ -196,13 +190,13 @@ def _check_nothing_rejected(table: _Table, grid: VoxelGrid, source: str) -> None
         raise CapacityError(f"{source}: the voxel table was full, {full} samples lost")
 
 
-def _export(table: _Table, grid: VoxelGrid, with_colors: bool) -> VoxelMap:
+def _export(table: _Table, grid: VoxelGrid) -> VoxelMap:
     keys = table.hash.keys.numpy()
     slots = np.nonzero(keys >= 0)[0]
     slots = slots[np.argsort(keys[slots])]
     counts = table.hash.counts.numpy()[slots]
     colors = None
-    if with_colors:
+    if table.with_colors:
         sums = table.hash.color_sums.numpy()[slots]
         colors = ((2 * sums + counts[:, None]) // (2 * counts[:, None])).astype(np.uint8)
     return VoxelMap(grid, unpack_keys(keys[slots]), counts, colors)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.model.trajectory import Trajectory
-
-AlignmentMethod = Literal["none", "origin", "start-pose", "yaw", "se3", "sim3"]
+from maomaps_warp.protocol import AlignMethod
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +22,7 @@ class Alignment:
         pairs: how many pose pairs it was found from.
     """
 
-    method: AlignmentMethod = "none"
+    method: AlignMethod = "none"
     T_gt_est: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     scale: float = 1.0
     pairs: int = 0

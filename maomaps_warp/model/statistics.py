@@ -29,7 +29,8 @@ class Statistics:
         if not len(errors):
             return None
         median, p90, p95 = np.percentile(errors, [50, 90, 95])
-        sse = float(np.dot(errors, errors))
+        # Not np.dot: the order of its sum depends on the number of threads.
+        sse = float(np.square(errors).sum())
         return cls(
             count=len(errors),
             rmse=float(np.sqrt(sse / len(errors))),

@@ -30,6 +30,19 @@ class VoxelGrid:
     origin_ijk: NDArray[np.int64]
     center_offset: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not self.voxel_size > 0:
+            raise ValueError(f"voxel_size must be above 0, got {self.voxel_size}")
+        if self.center_offset == 0.0 and np.any(self.origin_ijk % 2):
+            # Halves round to even: relative to an odd origin they would round to the other cell than in the world.
+            raise ValueError(f"origin_ijk must be even where cells are rounded, got {self.origin_ijk.tolist()}")
+
+    @classmethod
+    def around(cls, points: NDArray[np.float64], voxel_size: float, center_offset: float = 0.0) -> VoxelGrid:
+        """A grid whose origin lies in the middle of `points`, (N, 3) float64 metres, N >= 1."""
+        middle = np.median(points, axis=0)
+        return cls(voxel_size, 2 * np.rint(middle / (2.0 * voxel_size)).astype(np.int64), center_offset)
+
     @property
     def origin(self) -> NDArray[np.float64]:
         """The world point that the device calls zero, (3,) float64, metres."""
@@ -40,7 +53,7 @@ class VoxelGrid:
 
         Halves round to even, as in the original map creator; floor cells as in OctoMap.
         """
-        # Dividing by 0.05 would put 0.15 / 0.05 = 2.9999999999999996 below a face: multiply by the inverse.
+        # Times the inverse, as OctoMap does: 0.15 / 0.05 = 2.9999999999999996 would lie below a face.
         scaled = points * (1.0 / self.voxel_size)
         cells = np.rint(scaled) if self.center_offset == 0.0 else np.floor(scaled)
         return cells.astype(np.int64) - self.origin_ijk

@@ -10,7 +10,7 @@ _FORMULAS = """\
 T_a_b takes b-coordinates to a. Camera frame: optical (x right, y down, z forward). * marks the estimate.
 
 ATE       sqrt(mean |p_t - p*_t|^2) over the paired poses; rotation: angle of R*_t^-1 R_t     (paper, eq. ATE)
-RPE       sqrt(mean |R_t^-1 (p_t' - p_t) - R*_t^-1 (p*_t' - p*_t)|^2), t' the next pose       (paper, eq. RPE)
+RPE       sqrt(mean |R_t^-1 (p_t' - p_t) - R*_t^-1 (p*_t' - p*_t)|^2), t' = t + {rpe_frames}         (paper, eq. RPE)
 AME nn    distance of every point of the estimate to the nearest point of the ground truth, no cut-off;
           completeness is the same the other way
 AME rays  for a predicted element c and a pose pair t that sees it:
@@ -62,4 +62,5 @@ def _formulas(protocol: Protocol) -> str:
         occlusion_tolerance=protocol.occlusion_tolerance,
         pose_choice=choice[protocol.pose_choice],
         headline=protocol.headline,
+        rpe_frames=protocol.rpe_frames,
     )

@@ -15,6 +15,7 @@ from maomaps_warp.model.results import (
     Score,
     TrajectoryScore,
 )
+from maomaps_warp.protocol import changes_of
 
 #: Raised when a field changes its meaning or goes away.
 SCHEMA = 1
@@ -40,6 +41,7 @@ def score_document(score: Score) -> dict[str, Any]:
         },
         "alignment": _alignment(score.alignment),
         "protocol": score.protocol.effective(),
+        "protocol_changes": sorted(changes_of(score.protocol)),
         "camera": score.camera or None,
         "inputs": {"gt": _input(score.gt), "est": _input(score.est)},
         "notes": list(score.notes),

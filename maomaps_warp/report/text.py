@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from maomaps_warp.model.results import InputSummary, NearestScore, NoValue, Score
 from maomaps_warp.model.statistics import Statistics
+from maomaps_warp.protocol import changes_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -19,7 +20,8 @@ _UNIT_OF_STEP = {"frames": "frame", "metres": "m", "seconds": "s"}
 
 def score_tables(score: Score) -> Iterable[RenderableType]:
     """What was scored, the headline of each metric with its support, every statistic, and every count."""
-    yield f"protocol {score.protocol.name}   align {_alignment(score)}   device {score.device}"
+    changes = "".join(f", {name} = {value}" for name, value in changes_of(score.protocol).items())
+    yield f"protocol      {score.protocol.name}{changes}; align {_alignment(score)}; device {score.device}"
     yield _input("ground truth", score.gt)
     yield _input("estimate", score.est)
     if score.camera:
@@ -79,6 +81,7 @@ def _headlines(score: Score) -> Table:
     table.columns[-1].no_wrap = False
     headline = score.protocol.headline
     ate, rpe, nearest, ray = score.ate, score.rpe, score.ame_nn, score.ame_ray
+    dropped = int(score.est.facts.get("dropped_nonfinite", 0))
     if isinstance(ate, NoValue):
         table.add_row("ATE", "-", "m", ate.reason)
     else:
@@ -88,7 +91,7 @@ def _headlines(score: Score) -> Table:
         table.add_row("RPE", "-", "m", rpe.reason)
     else:
         table.add_row(
-            "RPE rmse, consecutive poses",
+            f"RPE rmse, {score.protocol.rpe_frames} frame",
             f"{rpe.errors['frames'].translation.rmse:.4f}",
             "m",
             f"{rpe.counts['pairs_frames']} pairs of poses",
@@ -100,7 +103,7 @@ def _headlines(score: Score) -> Table:
             f"AME {headline}, nearest neighbour",
             f"{getattr(nearest.accuracy, headline):.4f}",
             "m",
-            f"{nearest.counts['est_points']} of {nearest.counts['est_points']} map points",
+            f"{nearest.counts['est_points']} of {nearest.counts['est_points'] + dropped} map points",
         )
     if isinstance(ray, NoValue):
         table.add_row("AME, camera rays", "-", "m", ray.reason)

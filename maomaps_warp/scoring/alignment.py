@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.model.alignment import Alignment, AlignmentMethod
+from maomaps_warp.model.alignment import Alignment
+from maomaps_warp.protocol import AlignMethod
 
 #: A path is static if the root mean square distance of its positions to their mean is below this, metres,
 #: plus the same share of its largest coordinate (so that rounding does not make a far one look alive).
@@ -23,7 +24,7 @@ ROTATION_WAY_OUT = "--align yaw, or --align origin"
 
 
 def align(
-    method: AlignmentMethod,
+    method: AlignMethod,
     T_world_camera_gt: NDArray[np.float64],
     T_world_camera_est: NDArray[np.float64],
     *,
@@ -117,7 +118,7 @@ def _yaw(gt: NDArray[np.float64], est: NDArray[np.float64]) -> Alignment:
     return _planar("yaw", angle, center_gt - _rotation_z(angle) @ center_est, pairs=len(gt))
 
 
-def _umeyama(method: AlignmentMethod, gt: NDArray[np.float64], est: NDArray[np.float64]) -> Alignment:
+def _umeyama(method: AlignMethod, gt: NDArray[np.float64], est: NDArray[np.float64]) -> Alignment:
     if len(gt) < 3:
         raise _refusal(method, f"{len(gt)} paired poses do not determine a rotation; it takes 3", ROTATION_WAY_OUT)
     _refuse_static(method, gt, est, ROTATION_WAY_OUT)
@@ -135,7 +136,7 @@ def _umeyama(method: AlignmentMethod, gt: NDArray[np.float64], est: NDArray[np.f
     return Alignment(method, T, scale, pairs=len(gt))
 
 
-def _planar(method: AlignmentMethod, angle: float, t: NDArray[np.float64], pairs: int) -> Alignment:
+def _planar(method: AlignMethod, angle: float, t: NDArray[np.float64], pairs: int) -> Alignment:
     T = np.eye(4)
     T[:3, :3] = _rotation_z(angle)
     T[:3, 3] = t
@@ -152,11 +153,11 @@ def _spread(centered: NDArray[np.float64]) -> float:
     return float(np.sqrt((centered * centered).sum() / len(centered)))
 
 
-def _refuse_static(method: AlignmentMethod, gt: NDArray[np.float64], est: NDArray[np.float64], way_out: str) -> None:
+def _refuse_static(method: AlignMethod, gt: NDArray[np.float64], est: NDArray[np.float64], way_out: str) -> None:
     for name, path in (("ground truth", gt), ("estimate", est)):
         if _spread(path - path.mean(axis=0)) <= STATIC_SPREAD * (1.0 + float(np.abs(path).max())):
             raise _refusal(method, f"the path of the {name} does not leave its place", way_out)
 
 
-def _refusal(method: AlignmentMethod, found: str, way_out: str) -> InputError:
+def _refusal(method: AlignMethod, found: str, way_out: str) -> InputError:
     return InputError(f"--align {method}", found, f"use {way_out}")

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from maomaps_warp.errors import InputError
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
-from maomaps_warp.scoring.stamps import MatchMethod, poses_at
+from maomaps_warp.protocol import MatchMethod
+from maomaps_warp.scoring.stamps import poses_at
 
 
 def pose_of_frame(

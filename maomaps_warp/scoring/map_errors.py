@@ -10,8 +10,8 @@ from maomaps_warp.model.voxels import VoxelMap, pack_keys
 from maomaps_warp.scoring.nearest import nearest_neighbours
 
 #: Distances are rounded to this many decimals of a metre before they are compared with a threshold, so that a
-#: neighbour at exactly one voxel is not decided by the last bit of a product.
-_THRESHOLD_DECIMALS = 9
+#: neighbour at exactly one voxel is not decided by the last bit of a product, in georeferenced maps either.
+_THRESHOLD_DECIMALS = 6
 
 
 def distances_both_ways(

@@ -16,9 +16,6 @@ def nearest_neighbours(
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest of `points` for each of `queries`; exact, no cut-off.
 
-    The search runs in float32 relative to the middle of `points`; the distances are then taken in float64, so they
-    exceed the true minimum by the rounding of float32 at most (1e-6 m in a 20 m map).
-
     Args:
         queries: (Q, 3) float64, metres.
         points: (N, 3) float64, metres, N >= 1.
@@ -33,16 +30,13 @@ def nearest_neighbours(
 
     if not len(points):
         raise ValueError("points: expected at least one, got none")
-    lower, upper = _bounds(points)
-    origin = 0.5 * (lower + upper)
-    tree = build_point_tree((points - origin).astype(np.float32), device)
-    on_device = wp.array((queries - origin).astype(np.float32), dtype=wp.vec3, device=device)
-    index = find_nearest(tree, on_device).numpy()
+    tree = build_point_tree(points, device)
+    index = find_nearest(tree, wp.array(queries, dtype=wp.vec3d, device=device)).numpy()
     return index, np.linalg.norm(queries - points[index], axis=1)
 
 
-def build_point_tree(points: NDArray[np.float32], device: str = "cpu") -> Any:
-    """kernels.nearest.PointTree over `points`, (N, 3) float32, metres, N >= 1."""
+def build_point_tree(points: NDArray[np.float64], device: str = "cpu") -> Any:
+    """kernels.nearest.PointTree over `points`, (N, 3) float64, metres, N >= 1."""
     import warp as wp
 
     from maomaps_warp.kernels.nearest import PointTree
@@ -51,8 +45,8 @@ def build_point_tree(points: NDArray[np.float32], device: str = "cpu") -> Any:
     in_order = points[order]
     leaves = 1 << max(0, int(np.ceil(np.log2(len(points) / _LEAF_POINTS))))
     start = (np.arange(leaves + 1, dtype=np.int64) * len(points)) // leaves
-    lower = np.full((2 * leaves, 3), np.inf, dtype=np.float32)
-    upper = np.full((2 * leaves, 3), -np.inf, dtype=np.float32)
+    lower = np.full((2 * leaves, 3), np.inf)
+    upper = np.full((2 * leaves, 3), -np.inf)
     lower[leaves:] = np.minimum.reduceat(in_order, start[:-1], axis=0)
     upper[leaves:] = np.maximum.reduceat(in_order, start[:-1], axis=0)
     level = leaves
@@ -62,21 +56,21 @@ def build_point_tree(points: NDArray[np.float32], device: str = "cpu") -> Any:
         upper[parents] = upper[level : 2 * level].reshape(-1, 2, 3).max(axis=1)
         level //= 2
     tree = PointTree()
-    tree.points = wp.array(in_order, dtype=wp.vec3, device=device)
+    tree.points = wp.array(in_order, dtype=wp.vec3d, device=device)
     tree.original = wp.array(order.astype(np.int32), dtype=wp.int32, device=device)
-    tree.lower = wp.array(lower, dtype=wp.vec3, device=device)
-    tree.upper = wp.array(upper, dtype=wp.vec3, device=device)
+    tree.lower = wp.array(lower, dtype=wp.vec3d, device=device)
+    tree.upper = wp.array(upper, dtype=wp.vec3d, device=device)
     tree.leaf_start = wp.array(start.astype(np.int32), dtype=wp.int32, device=device)
     return tree
 
 
-def _bounds(points: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+def _bounds(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     # Column by column: reducing (N, 3) over its long axis is many times slower in NumPy.
     columns = [points[:, axis] for axis in range(3)]
     return np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
 
 
-def _morton_codes(points: NDArray[np.float32]) -> NDArray[np.uint64]:
+def _morton_codes(points: NDArray[np.float64]) -> NDArray[np.uint64]:
     """Places on the Z-order curve, 21 bits an axis (Morton 1966): near in the order is near in space."""
     lower, upper = _bounds(points)
     extent = max(float((upper - lower).max()), 1e-9)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maomaps_warp.scoring.stamp_search import MatchMethod, count_matches, inside, nearest, neighbours
+from maomaps_warp.protocol import MatchMethod
+from maomaps_warp.scoring.stamp_search import count_matches, inside, nearest, neighbours
 
 #: The bins of the gap histogram and their upper borders, nanoseconds; the last bin is open.
 GAP_BIN_LABELS = ("<= 1 ms", "<= 10 ms", "<= 0.1 s", "<= 1 s", "<= 10 s", "> 10 s")

@@ -5,12 +5,10 @@ Stamps are (N,) int64 nanoseconds, ascending, never empty.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
-MatchMethod = Literal["interpolate", "nearest"]
+from maomaps_warp.protocol import MatchMethod
 
 
 def neighbours(among: NDArray[np.int64], stamps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError, NoScoreError
 from maomaps_warp.model.trajectory import Trajectory
+from maomaps_warp.protocol import MatchMethod
 from maomaps_warp.scoring.stamp_diagnosis import StampDiagnosis, diagnose_shifted_stamps
-from maomaps_warp.scoring.stamp_search import MatchMethod, inside, nearest, neighbours
+from maomaps_warp.scoring.stamp_search import inside, nearest, neighbours
 
 __all__ = [
-    "MatchMethod",
     "StampDiagnosis",
     "StampMatches",
     "diagnose_stamps",
