@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from maomaps_warp.pipeline import score as score
     from maomaps_warp.protocol import PRESETS as PRESETS
     from maomaps_warp.protocol import Protocol as Protocol
-    from maomaps_warp.protocol import load_protocol as load_protocol
+    from maomaps_warp.protocol_files import load_protocol as load_protocol
     from maomaps_warp.report.json_report import score_document as score_document
 
 #: The public names, by the module that holds them.
@@ -61,7 +61,8 @@ _NAMES = {
     "model.statistics": ("Statistics",),
     "model.trajectory": ("Trajectory",),
     "pipeline": ("ScoredRun", "score"),
-    "protocol": ("PRESETS", "Protocol", "load_protocol"),
+    "protocol": ("PRESETS", "Protocol"),
+    "protocol_files": ("load_protocol",),
     "report.json_report": ("score_document",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

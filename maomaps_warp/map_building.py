@@ -50,10 +50,7 @@ def build_both(
     est_map = build_side("estimated map", est, alignment, grid, protocol, device, clock)
     for source, side_map in ((gt, gt_map), (est, est_map)):
         if not len(side_map.voxels):
-            why = "the map has no points"
-            if source.cloud is None:
-                why = "no depth sample lies within the range limits in a frame with a pose"
-            return NoValue(f"{source.name}: {why}", asked=True, counts=side_map.facts)
+            return NoValue(f"{source.name}: {_why_empty(side_map.facts)}", asked=True, counts=side_map.facts)
     return gt_map, est_map
 
 
@@ -96,6 +93,14 @@ def build_side(
             progress=progress,
         )
         return SideMap(build.voxels.points, build.voxels, build.counts | {"voxels": len(build.voxels)})
+
+
+def _why_empty(facts: dict[str, int]) -> str:
+    if "frames" not in facts:
+        return "the map has no points"
+    if facts["frames_without_pose"] == facts["frames"]:
+        return f"not one of {facts['frames']} depth frames has a pose at its stamp: see --max-stamp-gap"
+    return f"not one of {facts['pixels']} depth samples lies within the protocol's range limits"
 
 
 def _middle(source: Source) -> NDArray[np.float64] | None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from maomaps_warp.errors import InputError
 from maomaps_warp.io.sources import Source
 from maomaps_warp.map_building import SideMap, build_both
 from maomaps_warp.model.alignment import Alignment
@@ -58,6 +59,7 @@ def score(
         CapacityError: a map too large for the device's tables.
     """
     clock = clock or Stopwatch()
+    _check_something_in_common(gt, est)
     with clock.stage("pair poses"):
         pairs, alignment = pair_and_align(gt.trajectory, est.trajectory, protocol, gt.start_pose)
     ate: TrajectoryScore | NoValue
@@ -101,9 +103,25 @@ def score(
         est=_summary(est, None if isinstance(maps, NoValue) else maps[1]),
         device=used_device,
         milliseconds=clock.milliseconds,
-        notes=_notes(est, alignment),
+        notes=_notes(gt, est, alignment),
     )
     return ScoredRun(result, correspondences, None if isinstance(pairs, NoValue) else pairs)
+
+
+def _check_something_in_common(gt: Source, est: Source) -> None:
+    have_poses = gt.trajectory is not None and est.trajectory is not None
+    if not have_poses and not (_has_map(gt) and _has_map(est)):
+        held = "a map" if _has_map(gt) else "a trajectory"
+        other = "a map" if _has_map(est) else "a trajectory"
+        raise InputError(
+            f"{gt.name} and {est.name}",
+            f"the ground truth holds only {held}, the estimate only {other}: there is nothing to compare",
+            "give both a map, or both a trajectory",
+        )
+
+
+def _has_map(source: Source) -> bool:
+    return source.cloud is not None or source.frames is not None
 
 
 def _why_no_maps(
@@ -111,7 +129,7 @@ def _why_no_maps(
 ) -> NoValue | tuple[SideMap, SideMap] | None:
     """Why maps are not to be compared; None if they are."""
     for side, source in (("ground truth", gt), ("estimate", est)):
-        if source.cloud is None and source.frames is None:
+        if not _has_map(source):
             return NoValue(f"the {side} has no map", asked=False)
     if alignment is None:
         return NoValue(f"no paired poses to find --align {protocol.align} from", asked=True)
@@ -182,9 +200,18 @@ def _summary(source: Source, side: SideMap | None) -> InputSummary:
     return InputSummary(source.name, source.kind, facts | (side.facts if side else {}), source.notes)
 
 
-def _notes(est: Source, alignment: Alignment | None) -> tuple[str, ...]:
+def _notes(gt: Source, est: Source, alignment: Alignment | None) -> tuple[str, ...]:
     notes = []
     cloud, trajectory = est.cloud, est.trajectory
+    if gt.trajectory and trajectory and gt.trajectory.pose_frame != trajectory.pose_frame:
+        notes.append(
+            f"the ground truth's poses were read as those of the {_whose(gt.trajectory.pose_frame)}, the estimate's as "
+            f"those of the {_whose(trajectory.pose_frame)}; if both are of one kind, relative errors and rays are "
+            "wrong: see --gt-pose-frame and --est-pose-frame"
+        )
+    if alignment is not None and alignment.method == "start-pose":
+        start = "its start_pose file" if alignment.pairs == 0 else "its first paired pose"
+        notes.append(f"the start pose is that of the ground truth, from {start}")
     if cloud and trajectory and cloud.frame_id and trajectory.frame_id != cloud.frame_id:
         notes.append(
             f"the estimate's map is in frame {cloud.frame_id!r} and its trajectory in {trajectory.frame_id!r}: "
@@ -195,3 +222,7 @@ def _notes(est: Source, alignment: Alignment | None) -> tuple[str, ...]:
             f"range limits apply to the estimate's depth as measured, before its scale of {alignment.scale:.6g}"
         )
     return tuple(notes)
+
+
+def _whose(pose_frame: str) -> str:
+    return "camera (z forward)" if pose_frame == "optical" else "robot's body (x forward), and turned"

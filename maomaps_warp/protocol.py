@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal
 
-from maomaps_warp.errors import InputError
+from maomaps_warp.model.camera import Camera
 
 AlignMethod = Literal["none", "origin", "start-pose", "yaw", "se3", "sim3"]
 MatchMethod = Literal["interpolate", "nearest"]
@@ -21,6 +19,9 @@ PoseChoice = Literal["nearest", "first", "last", "all"]
 #: Largest gap where the protocol leaves it open, seconds: two ground-truth samples that enclose a stamp (5 Hz), and
 #: evo's default for the nearest stamp.
 DEFAULT_STAMP_GAP: dict[str, float] = {"interpolate": 0.2, "nearest": 0.01}
+
+#: Of any number in a protocol: metres, seconds (317 years), frames.
+LARGEST = 1e10
 
 
 def _constant(default: Any, unit: str, meaning: str, source: str) -> Any:
@@ -138,24 +139,37 @@ class Protocol:
     )
 
     def __post_init__(self) -> None:
-        positive: tuple[str, ...] = ("voxel_size", "max_range", "view_range", "occlusion_tolerance", "pixel_stride")
-        positive += ("rpe_frames", "rpe_metres", "rpe_seconds")
-        for name in positive:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
+        for name in ("voxel_size", "max_range", "view_range", "occlusion_tolerance", "pixel_stride"):
+            self._check(name, above=0.0)
+        for name in ("rpe_frames", "rpe_metres", "rpe_seconds"):
+            self._check(name, above=0.0)
         for name in ("min_range", "near"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+            self._check(name, least=0.0)
+        for name in ("t_offset", "yaw_correction"):
+            self._check(name)
+        if self.max_stamp_gap is not None:
+            self._check("max_stamp_gap", least=0.0)
         if self.min_range >= self.max_range:
-            raise ValueError(f"min_range {self.min_range} must be below max_range {self.max_range}")
-        if not math.isfinite(self.voxel_size) or not math.isfinite(self.t_offset):
-            raise ValueError("voxel_size and t_offset must be finite")
-        if self.max_stamp_gap is not None and not 0 <= self.max_stamp_gap < math.inf:
-            raise ValueError(f"max_stamp_gap must be a number of seconds from 0, got {self.max_stamp_gap}")
-        if not self.thresholds or not all(0 < t < math.inf for t in self.thresholds):
-            raise ValueError(f"thresholds must be distances above 0, got {self.thresholds}")
+            raise ValueError(f"min_range = {self.min_range}: must be below max_range = {self.max_range}")
+        if not self.thresholds or not all(0 < t <= LARGEST for t in self.thresholds):
+            raise ValueError(f"thresholds = {list(self.thresholds)}: must be distances above 0")
         if self.prune_leaves and self.cells != "floored":
-            raise ValueError("prune_leaves needs cells = 'floored': OctoMap's tree is made of floored cells")
+            raise ValueError("prune_leaves = true: needs cells = 'floored', which OctoMap's tree is made of")
+        try:
+            camera = Camera.from_text(self.camera)
+        except (ValueError, OverflowError) as error:
+            raise ValueError(f"camera = {self.camera!r}: {error}") from None
+        if camera is None:
+            raise ValueError(f"camera = {self.camera!r}: must be WIDTHxHEIGHT@DEGREES or WIDTHxHEIGHT:fx,fy,cx,cy")
+
+    def _check(self, name: str, *, above: float | None = None, least: float | None = None) -> None:
+        """Refuse NaN, numbers beyond all measure, and numbers not above `above` or below `least`."""
+        value = getattr(self, name)
+        if not abs(value) <= LARGEST and not (name == "view_range" and value == math.inf):
+            raise ValueError(f"{name} = {value}: must be a number up to {LARGEST:g}")
+        if (above is not None and not value > above) or (least is not None and not value >= least):
+            limit = f"above {above:g}" if above is not None else f"at least {least:g}"
+            raise ValueError(f"{name} = {value:g}: must be {limit}")
 
     @property
     def stamp_gap(self) -> float:
@@ -196,95 +210,3 @@ def changes_of(protocol: Protocol) -> dict[str, Any]:
     preset = PRESETS.get(protocol.name, PRESETS["maomaps"])
     fields = (f.name for f in dataclasses.fields(Protocol) if f.name != "name")
     return {name: getattr(protocol, name) for name in fields if getattr(protocol, name) != getattr(preset, name)}
-
-
-def with_overrides(protocol: Protocol, overrides: dict[str, Any], where: str) -> Protocol:
-    """A protocol with some fields replaced.
-
-    Args:
-        protocol: where to start.
-        overrides: fields by name, as TOML gives them.
-        where: what to blame, for the message.
-
-    Raises:
-        InputError: an unknown field, or a value it cannot take.
-    """
-    hints = get_type_hints(Protocol)
-    for name, value in overrides.items():
-        if name not in hints:
-            raise InputError(where, f"no such field: {name}", f"fields: {', '.join(hints)}")
-        allowed = get_args(hints[name])
-        if allowed and all(isinstance(a, str) for a in allowed) and value not in allowed:
-            raise InputError(where, f"{name} = {value!r}", f"allowed: {', '.join(allowed)}")
-    try:
-        return dataclasses.replace(protocol, **{k: _as_field(hints[k], v) for k, v in overrides.items()})
-    except (TypeError, ValueError) as error:
-        raise InputError(where, str(error)) from None
-
-
-def _as_field(hint: Any, value: Any) -> Any:
-    """`value` in the type of a field, where that loses nothing."""
-    if hint is bool or isinstance(value, bool):
-        if hint is not bool or not isinstance(value, bool):
-            raise TypeError(f"expected {getattr(hint, '__name__', hint)}, got {value!r}")
-        return value
-    if hint is int:
-        if not isinstance(value, int):
-            raise TypeError(f"expected a whole number, got {value!r}")
-        return value
-    if hint is float or float in get_args(hint):
-        if isinstance(value, list | tuple):
-            return tuple(float(v) for v in value)
-        if value is None:
-            return None
-        if not isinstance(value, int | float):
-            raise TypeError(f"expected a number, got {value!r}")
-        return float(value)
-    return value
-
-
-def load_protocol(name_or_file: str) -> Protocol:
-    """A preset by name, or a TOML file: fields of Protocol, and `base` with the preset to start from.
-
-    Raises:
-        InputError: neither; or a file with an unknown field or a bad value.
-    """
-    if name_or_file in PRESETS:
-        return PRESETS[name_or_file]
-    path = Path(name_or_file)
-    if not path.is_file():
-        raise InputError(
-            f"--protocol {name_or_file}",
-            "no such protocol",
-            f"presets: {', '.join(PRESETS)}; or a .toml file",
-        )
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise InputError(path, f"not a TOML file: {error}") from None
-    base = values.pop("base", "maomaps")
-    if base not in PRESETS:
-        raise InputError(path, f"base = {base!r}", f"presets: {', '.join(PRESETS)}")
-    return with_overrides(PRESETS[base], {"name": path.stem} | values, str(path))
-
-
-def to_toml(protocol: Protocol) -> str:
-    """The protocol as a TOML file that `load_protocol` reads back to an equal one."""
-    lines = []
-    for f in dataclasses.fields(protocol):
-        value = getattr(protocol, f.name)
-        if value is None:
-            continue
-        unit = f" [{f.metadata['unit']}]" if f.metadata["unit"] else ""
-        lines += [f"# {f.metadata['meaning']}{unit}", f"{f.name} = {_toml_value(value)}"]
-    return "\n".join(lines) + "\n"
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, tuple):
-        return "[" + ", ".join(repr(v) for v in value) + "]"
-    return repr(value)

@@ -1,4 +1,4 @@
-"""Launchers inside a captured graph: given their outputs they allocate nothing, and replay what their arrays then hold."""
+"""Launchers inside a captured graph: a replay works on what their arrays then hold."""
 
 from __future__ import annotations
 

@@ -21,7 +21,8 @@ from maomaps_warp.model.results import NoValue
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.model.voxels import VoxelGrid
 from maomaps_warp.pipeline import score
-from maomaps_warp.protocol import PRESETS, with_overrides
+from maomaps_warp.protocol import PRESETS
+from maomaps_warp.protocol_files import with_overrides
 from maomaps_warp.report.json_report import score_document
 
 CAMERA = Camera(64, 48, 32.0, 32.0, 31.5, 23.5)

@@ -7,7 +7,8 @@ import dataclasses
 import pytest
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.protocol import PRESETS, Protocol, load_protocol, to_toml, with_overrides
+from maomaps_warp.protocol import PRESETS, Protocol
+from maomaps_warp.protocol_files import load_protocol, to_toml, with_overrides
 from maomaps_warp.report.explain import explain
 
 
@@ -32,14 +33,14 @@ def test_a_file_changes_what_it_names_and_takes_its_own_name(tmp_path):
     [
         ("voxel = 0.1", "no such field: voxel"),
         ('base = "maomap"', "base = 'maomap'"),
-        ("voxel_size = 0", "voxel_size must be above 0"),
-        ("voxel_size = true", "expected float, got True"),
-        ('voxel_size = "5 cm"', "expected a number"),
-        ("pixel_stride = 1.5", "expected a whole number"),
-        ("two_sided_view = 1", "expected bool"),
+        ("voxel_size = 0", "voxel_size = 0: must be above 0"),
+        ("voxel_size = true", "voxel_size = True: must be a number"),
+        ('voxel_size = "5 cm"', "must be a number"),
+        ("pixel_stride = 1.5", "must be a whole number"),
+        ("two_sided_view = 1", "must be true or false"),
         ('align = "icp"', "align = 'icp'"),
         ("align = 3", "align = 3"),
-        ("voxel_size = nan", "voxel_size must be above 0"),
+        ("voxel_size = nan", "voxel_size = nan: must be a number"),
         ("prune_leaves = true", "floored"),
         ("thresholds = []", "thresholds"),
         ("min_range = 20.0", "min_range"),

@@ -8,7 +8,8 @@ from shared_data import shared_data, shared_reference
 
 from maomaps_warp.io.sources import SourceOptions, open_original_directory, open_source
 from maomaps_warp.pipeline import score
-from maomaps_warp.protocol import PRESETS, with_overrides
+from maomaps_warp.protocol import PRESETS
+from maomaps_warp.protocol_files import with_overrides
 
 #: Share of the original's correspondences that must be ours to the voxel.
 IDENTICAL = 0.999

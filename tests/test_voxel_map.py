@@ -183,7 +183,7 @@ def test_points_of_one_voxel_share_it_with_their_mean_colour():
 
 
 def test_a_cloud_too_far_from_the_ground_truth_is_refused():
-    with pytest.raises(InputError, match="point 1"):
+    with pytest.raises(InputError, match="point 2"):
         check_extent(np.array([[0, 0, 0], [0, 1e7, 0.0]]), _grid(), "est.ply")
 
 

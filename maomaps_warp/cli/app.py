@@ -2,16 +2,43 @@
 
 from __future__ import annotations
 
+import sys
+from typing import Any
+
 import typer
+from typer.core import TyperGroup
 
 from maomaps_warp.cli.demo import demo
 from maomaps_warp.cli.explain import explain
 from maomaps_warp.cli.score import score
+from maomaps_warp.cli.terminal import EXIT_BAD_INPUT, complain
+
+#: Base of every error about the words of a command; typer exports only this one's child.
+_UsageError: Any = typer.BadParameter.__base__
+
+
+class _OneLineErrors(TyperGroup):
+    """Says in one line what is wrong with a command, as for every other bad input."""
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        standalone = options.pop("standalone_mode", True)
+        options["standalone_mode"] = False
+        if not standalone:
+            return super().main(*args, **options)
+        try:
+            code = super().main(*args, **options)
+        except _UsageError as error:
+            complain(f"{error.format_message().replace('Value error, ', '')} (see --help)")
+            sys.exit(EXIT_BAD_INPUT)
+        except typer.Abort:
+            sys.exit(130)
+        sys.exit(code if isinstance(code, int) else 0)
+
 
 app = typer.Typer(
     name="maomaps-warp",
     help="Measure how good the maps of visual SLAM are.",
-    no_args_is_help=True,
+    cls=_OneLineErrors,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -27,13 +54,16 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit()
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _options(
+    context: typer.Context,
     version: bool = typer.Option(
         False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
     ),
 ) -> None:
     """Measure how good the maps of visual SLAM are."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 app.command()(score)

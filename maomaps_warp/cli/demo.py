@@ -23,12 +23,13 @@ def demo(
 ) -> None:
     """Make a furnished flat, drive a camera through it, disturb the recording as SLAM would, and score it."""
     from maomaps_warp.cli.score import report, run_pipeline
-    from maomaps_warp.cli.terminal import console, progress_clock, quiet_warp, user_errors
+    from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
     from maomaps_warp.io.outputs import check_writable
     from maomaps_warp.io.sources import SourceOptions, open_source, source_from_parts
     from maomaps_warp.protocol import PRESETS
 
     with user_errors(debug), _folder(output) as folder:
+        check_device_name(device)
         if json_file is not None:
             check_writable(json_file)
         quiet_warp()
@@ -63,6 +64,7 @@ def demo(
 @contextmanager
 def _folder(output: Path | None) -> Iterator[Path]:
     """A new folder that is kept, or a temporary one."""
+    import shutil
     import tempfile
 
     from maomaps_warp.errors import InputError
@@ -77,4 +79,8 @@ def _folder(output: Path | None) -> Iterator[Path]:
         raise InputError(output, "exists already", "give --output a new folder") from None
     except OSError as error:
         raise InputError(output, f"cannot be made: {error.strerror}", "give --output a writable place") from error
-    yield output
+    try:
+        yield output
+    except BaseException:
+        shutil.rmtree(output, ignore_errors=True)
+        raise

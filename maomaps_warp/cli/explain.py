@@ -14,7 +14,7 @@ def explain(
 ) -> None:
     """Print a protocol's formulas and constants with their sources."""
     from maomaps_warp.cli.terminal import user_errors
-    from maomaps_warp.protocol import load_protocol, to_toml
+    from maomaps_warp.protocol_files import load_protocol, to_toml
     from maomaps_warp.report import explain as report
 
     with user_errors(debug):

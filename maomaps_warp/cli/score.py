@@ -82,9 +82,8 @@ def score(
     Give both sides: --gt X --est Y, or their parts (--gt-map, --gt-trajectory, --est-map, --est-trajectory), or the
     original program's DIRECTORY. Exit code 2: an input cannot be used. 3: a metric that was asked for has no data.
     """
-    from maomaps_warp.cli.terminal import progress_clock, user_errors
+    from maomaps_warp.cli.terminal import check_device_name, progress_clock, user_errors
     from maomaps_warp.errors import InputError
-    from maomaps_warp.io.outputs import check_writable
     from maomaps_warp.io.sources import SourceOptions
 
     options = {
@@ -97,14 +96,13 @@ def score(
         "voxel_size": voxel_size,
     }
     with user_errors(debug):
-        for output in (json_file, correspondences):
-            if output is not None:
-                check_writable(output)
+        check_device_name(device)
+        parts = (gt, est, gt_map, gt_trajectory, est_map, est_trajectory)
+        _check_outputs(json_file, correspondences, (directory, *parts))
         rules = _protocol(protocol, options)
         lens = _camera(camera)
         gt_options = SourceOptions(run, tuple(gt_topic or ()), gt_format, gt_pose_frame, lens)
         est_options = SourceOptions(run, tuple(est_topic or ()), est_format, est_pose_frame, lens)
-        parts = (gt, est, gt_map, gt_trajectory, est_map, est_trajectory)
         if directory is not None and any(part is not None for part in parts):
             raise InputError(directory, "given beside --gt or --est", "give the directory alone, or only options")
         with progress_clock() as clock:
@@ -114,6 +112,8 @@ def score(
                 else:
                     gt_source = _open_side("gt", gt, gt_map, gt_trajectory, gt_options)
                     est_source = _open_side("est", est, est_map, est_trajectory, est_options)
+            if run is not None and not any("sample" in side.kind for side in (gt_source, est_source)):
+                raise InputError(f"--run {run}", "neither side is a MAOMaps sample directory", "leave it away")
             scored = run_pipeline(gt_source, est_source, rules, lens, device, clock)
         report(scored, json_file, correspondences)
 
@@ -139,13 +139,12 @@ def report(scored: ScoredRun, json_file: Path | None, correspondences: Path | No
     from maomaps_warp.report.json_report import score_document
     from maomaps_warp.report.text import score_tables
 
+    if json_file is not None:
+        with write_whole(json_file, "w") as file:
+            file.write(json.dumps(score_document(scored.score), indent=2, allow_nan=False) + "\n")
     out = console()
     for part in score_tables(scored.score):
         out.print(part, soft_wrap=isinstance(part, str))
-    if json_file is not None:
-        with write_whole(json_file, "w") as file:
-            json.dump(score_document(scored.score), file, indent=2, allow_nan=False)
-            file.write("\n")
     if correspondences is not None:
         if scored.correspondences is None or scored.poses is None:
             raise NoScoreError("--correspondences: there are none, it takes two maps and two trajectories")
@@ -161,8 +160,23 @@ def report(scored: ScoredRun, json_file: Path | None, correspondences: Path | No
         raise typer.Exit(EXIT_NO_SCORE)
 
 
+def _check_outputs(json_file: Path | None, correspondences: Path | None, inputs: tuple[Path | None, ...]) -> None:
+    """Refuse outputs that cannot be written, or that would replace an input or one another."""
+    from maomaps_warp.errors import InputError
+    from maomaps_warp.io.outputs import check_writable
+
+    taken = {path.resolve(): "is an input" for path in inputs if path is not None}
+    for option, output in (("--json", json_file), ("--correspondences", correspondences)):
+        if output is None:
+            continue
+        if output.resolve() in taken:
+            raise InputError(f"{option} {output}", f"{taken[output.resolve()]}", "give it a file of its own")
+        check_writable(output)
+        taken[output.resolve()] = f"is the file of {option} too"
+
+
 def _protocol(name: str, options: dict[str, Any]) -> Protocol:
-    from maomaps_warp.protocol import load_protocol, with_overrides
+    from maomaps_warp.protocol_files import load_protocol, with_overrides
 
     given = {field: value for field, value in options.items() if value is not None}
     protocol = load_protocol(name)

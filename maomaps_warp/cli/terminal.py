@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import traceback
 from collections.abc import Iterator
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from maomaps_warp.errors import MaomapsError, NoScoreError
+from maomaps_warp.errors import InputError, MaomapsError, NoScoreError
 from maomaps_warp.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
@@ -28,11 +29,24 @@ def user_errors(debug: bool) -> Iterator[None]:
     """Turn the errors a user can cause into one line on stderr and an exit code; `debug` shows the traceback."""
     try:
         yield
+        sys.stdout.flush()
+    except OSError as error:
+        # Files are guarded where they are read and written: what is left is standard output.
+        if debug:
+            traceback.print_exc()
+        complain(f"standard output: {error.strerror or error}")
+        raise typer.Exit(EXIT_BAD_INPUT) from None
     except MaomapsError as error:
         if debug:
             traceback.print_exc()
         complain(str(error))
         raise typer.Exit(EXIT_NO_SCORE if isinstance(error, NoScoreError) else EXIT_BAD_INPUT) from None
+
+
+def check_device_name(name: str) -> None:
+    """Refuse what names no device, before anything is read; whether the device exists is known once Warp starts."""
+    if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", name):
+        raise InputError(f"--device {name}", "no such device", "auto, cpu, cuda or cuda:N")
 
 
 def complain(message: str) -> None:

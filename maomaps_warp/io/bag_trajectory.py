@@ -91,6 +91,7 @@ def read_bag_trajectory(
         stamps_ns=recorded.stamps_ns[keep],
         source=where,
         frame_id=recorded.frame_id,
+        pose_frame="body" if is_body else "optical",
         notes=recorded.notes + notes,
     )
 

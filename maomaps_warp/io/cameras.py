@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,9 +10,6 @@ from typing import Any
 from maomaps_warp.errors import InputError
 from maomaps_warp.model.camera import Camera
 
-_NUMBER = r"([-+0-9.eE]+)"
-_FOV_SPEC = re.compile(rf"(\d+)x(\d+)@{_NUMBER}")
-_INTRINSICS_SPEC = re.compile(rf"(\d+)x(\d+):{_NUMBER},{_NUMBER},{_NUMBER},{_NUMBER}")
 ACCEPTED_FORMS = (
     "WIDTHxHEIGHT@DEGREES of horizontal field of view (320x240@90), WIDTHxHEIGHT:fx,fy,cx,cy, "
     "or a ROS calibration YAML file"
@@ -31,12 +27,12 @@ def parse_camera(spec: str) -> Camera:
     Raises:
         InputError: none of these forms, impossible numbers, or lens distortion.
     """
-    if match := _FOV_SPEC.fullmatch(spec.strip()):
-        width, height, fov = match.groups()
-        return _built(lambda: Camera.from_fov(int(width), int(height), float(fov)), f"camera {spec!r}")
-    if match := _INTRINSICS_SPEC.fullmatch(spec.strip()):
-        width, height, *intrinsics = match.groups()
-        return _built(lambda: Camera(int(width), int(height), *map(float, intrinsics)), f"camera {spec!r}")
+    try:
+        camera = Camera.from_text(spec)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"camera {spec!r}", str(error), f"allowed: {ACCEPTED_FORMS}") from None
+    if camera is not None:
+        return camera
     path = Path(spec)
     if not path.is_file():
         raise InputError(f"camera {spec!r}", "neither a camera nor a file", f"allowed: {ACCEPTED_FORMS}")

@@ -78,7 +78,8 @@ def read_trajectory(
     rows = _in_order(_READERS[known](path))
     is_body = known == "maomaps" if pose_frame == "auto" else pose_frame == "body"
     T = rows.T @ T_BODY_CAMERA if is_body else rows.T
-    return Trajectory(T, rows.stamps_ns, str(path), notes=rows.notes)
+    frame = "body" if is_body else "optical"
+    return Trajectory(T, rows.stamps_ns, str(path), pose_frame=frame, notes=rows.notes)
 
 
 def recognise_trajectory(path: Path) -> KnownFormat | None:

@@ -26,8 +26,8 @@ def check_extent(points: NDArray[np.float64], grid: VoxelGrid, source: str) -> N
     if distance[worst] > limit:
         raise InputError(
             source,
-            f"point {worst} at {points[worst].tolist()} m is {distance[worst]:.0f} m away from the ground truth, "
-            f"more than the {limit:.0f} m that voxels of {grid.voxel_size} m reach",
+            f"point {worst + 1} at {points[worst].tolist()} m is {distance[worst]:g} m away from the ground truth, "
+            f"more than the {limit:g} m that voxels of {grid.voxel_size} m reach",
             "remove outliers, align the maps with --align, or raise --voxel-size",
         )
 

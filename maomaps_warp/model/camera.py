@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+
+_NUMBER = r"([-+0-9.eE]+)"
+_FOV_TEXT = re.compile(rf"(\d+)x(\d+)@{_NUMBER}")
+_INTRINSICS_TEXT = re.compile(rf"(\d+)x(\d+):{_NUMBER},{_NUMBER},{_NUMBER},{_NUMBER}")
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,24 @@ class Camera:
             raise ValueError(f"horizontal field of view must lie in (0, 180) degrees, got {horizontal_fov_deg}")
         focal = 0.5 * width / math.tan(0.5 * math.radians(horizontal_fov_deg))
         return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+
+    @classmethod
+    def from_text(cls, text: str) -> Camera | None:
+        """The camera that `text` describes; None if it is of neither form.
+
+        Args:
+            text: "320x240@90" (pixels, horizontal field of view in degrees) or "640x480:525,525,319.5,239.5" (pixels).
+
+        Raises:
+            ValueError: one of the forms with impossible numbers.
+        """
+        if match := _FOV_TEXT.fullmatch(text.strip()):
+            width, height, fov = match.groups()
+            return cls.from_fov(int(width), int(height), float(fov))
+        if match := _INTRINSICS_TEXT.fullmatch(text.strip()):
+            width, height, *intrinsics = match.groups()
+            return cls(int(width), int(height), *map(float, intrinsics))
+        return None
 
     @property
     def tangent_bounds(self) -> tuple[float, float, float, float]:

@@ -19,6 +19,7 @@ class Trajectory:
             source has none, in which case poses pair with another trajectory's, or with frames, by index.
         source: what it was read from, for messages.
         frame_id: the world's name where the source states one, else empty.
+        pose_frame: whose poses the source was taken to hold, "optical" or "body" (turned to optical by the reader).
         notes: what the reader dropped or decided, one short sentence each.
     """
 
@@ -26,6 +27,7 @@ class Trajectory:
     stamps_ns: NDArray[np.int64] | None = None
     source: str = "trajectory"
     frame_id: str = ""
+    pose_frame: str = "optical"
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -26,8 +26,8 @@ def score_tables(score: Score) -> Iterable[RenderableType]:
     yield _input("estimate", score.est)
     if score.camera:
         yield f"camera        {score.camera}"
-    for note in dict.fromkeys((*score.gt.notes, *score.est.notes, *score.notes)):
-        yield f"note          {note}"
+    for note, side in _notes(score).items():
+        yield f"note          {side}{note}"
     yield _headlines(score)
     if any(not isinstance(m, NoValue) for m in (score.ate, score.rpe, score.ame_nn, score.ame_ray)):
         yield "All statistics"
@@ -48,6 +48,13 @@ def score_tables(score: Score) -> Iterable[RenderableType]:
         yield _elements(counts)
 
 
+def _notes(score: Score) -> dict[str, str]:
+    """Each note once, with the side it is about."""
+    notes = dict.fromkeys(score.gt.notes, "ground truth: ") | dict.fromkeys(score.est.notes, "estimate: ")
+    both = set(score.gt.notes) & set(score.est.notes)
+    return notes | dict.fromkeys([n for n in score.gt.notes if n in both], "") | dict.fromkeys(score.notes, "")
+
+
 def _alignment(score: Score) -> str:
     if score.alignment is None:
         return f"{score.protocol.align} (not found)"
@@ -62,7 +69,8 @@ def _input(label: str, summary: InputSummary) -> str:
         if name in facts:
             shown.append(f"{facts.pop(name):.2f} {unit}")
     shown += [f"{value} {name.replace('_', ' ')}" for name, value in facts.items()]
-    return f"{label:<13} {summary.name} ({summary.kind}): {', '.join(shown)}"
+    facts_shown = f": {', '.join(shown)}" if shown else ""
+    return f"{label:<13} {summary.name} ({summary.kind}){facts_shown}"
 
 
 def _table(*columns: str) -> Table:

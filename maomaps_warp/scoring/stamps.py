@@ -221,4 +221,6 @@ def _max_gap_ns(max_gap_s: float) -> int:
 
 
 def _to_ns(seconds: float) -> int:
-    return round(seconds * 1e9)
+    """Nanoseconds; what float64 cannot hold becomes more than any stamp."""
+    nanoseconds = seconds * 1e9
+    return round(nanoseconds) if math.isfinite(nanoseconds) else round(math.copysign(2.0**64, seconds))

@@ -39,7 +39,7 @@ def relative_score(pairs: PairedPoses, protocol: Protocol) -> TrajectoryScore | 
         if result is not None:
             errors[unit] = PoseErrors(result.translation, result.rotation)
     if "frames" not in errors:
-        reason = f"{len(pairs)} paired poses are too few for a relative error over {protocol.rpe_frames} frames"
+        reason = f"a relative error over rpe_frames = {protocol.rpe_frames} takes more than {len(pairs)} paired pose(s)"
         return NoValue(reason, asked=True, counts=counts)
     return TrajectoryScore(errors, counts)
 
@@ -75,5 +75,10 @@ def ray_score(correspondences: Correspondences, pairs: PairedPoses) -> RayScore 
     absolute = Statistics.of(correspondences.absolute_errors())
     relative = Statistics.of(correspondences.relative_errors(pairs.T_world_camera_est, pairs.T_world_camera_gt))
     if absolute is None or relative is None:
-        return NoValue("no predicted element could be associated", asked=True, counts=counts)
+        classes = ("out_of_view", "occluded", "no_ground_truth", "total")
+        spread = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in classes)
+        reason = (
+            f"no predicted element could be associated ({spread}): is the estimate aligned (--align), the camera right?"
+        )
+        return NoValue(reason, asked=True, counts=counts)
     return RayScore(absolute, relative, counts)
