@@ -15,7 +15,7 @@ from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.correspondences import Correspondences
 from maomaps_warp.model.paired_poses import PairedPoses
 from maomaps_warp.model.results import InputSummary, NearestScore, NoValue, RayScore, Score, TrajectoryScore
-from maomaps_warp.protocol import PRESETS, Protocol
+from maomaps_warp.protocol import PRESETS, Protocol, changes_of
 from maomaps_warp.scoring.pairing import pair_and_align
 from maomaps_warp.scoring.summaries import absolute_score, nearest_score, ray_score, relative_score
 from maomaps_warp.stopwatch import Stopwatch
@@ -103,7 +103,7 @@ def score(
         est=_summary(est, None if isinstance(maps, NoValue) else maps[1]),
         device=used_device,
         milliseconds=clock.milliseconds,
-        notes=_notes(gt, est, alignment),
+        notes=(*_notes(gt, est, alignment), *_without_effect(protocol, camera, pairs, maps, ray)),
     )
     return ScoredRun(result, correspondences, None if isinstance(pairs, NoValue) else pairs)
 
@@ -222,6 +222,26 @@ def _notes(gt: Source, est: Source, alignment: Alignment | None) -> tuple[str, .
             f"range limits apply to the estimate's depth as measured, before its scale of {alignment.scale:.6g}"
         )
     return tuple(notes)
+
+
+def _without_effect(
+    protocol: Protocol,
+    camera: Camera | None,
+    pairs: PairedPoses | NoValue,
+    maps: tuple[SideMap, SideMap] | NoValue,
+    ray: RayScore | NoValue,
+) -> tuple[str, ...]:
+    """What was chosen and plays no part, for want of the data that it is about."""
+    idle: list[str] = []
+    if isinstance(maps, NoValue):
+        idle += ["voxel_size", "cells", "pixel_stride", "min_range", "max_range", "thresholds"]
+    if isinstance(ray, NoValue):
+        idle += ["pose_choice", "camera", "near", "view_range", "occlusion_tolerance", "est_point"]
+    if isinstance(pairs, PairedPoses) and pairs.stamps_ns is None:
+        idle += ["match", "max_stamp_gap", "rpe_seconds"]
+    changed = changes_of(protocol).keys() | ({"camera"} if camera is not None else set())
+    named = [name for name in idle if name in changed]
+    return (f"without effect on this input: {', '.join(named)}",) if named else ()
 
 
 def _whose(pose_frame: str) -> str:

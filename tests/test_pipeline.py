@@ -152,6 +152,27 @@ def test_trajectories_alone_give_no_map_metrics_and_no_failure():
     assert run.device == "none"
 
 
+def test_choices_that_play_no_part_are_named():
+    poses = _source(trajectory=_trajectory(stamps=False))
+    rules = _rules(voxel_size=0.1, match="nearest", align="yaw")
+    notes = score(poses, poses, rules, camera=CAMERA).score.notes
+    assert notes == ("without effect on this input: voxel_size, camera, match",)
+    stamped = _source(trajectory=_trajectory())
+    assert score(stamped, stamped, _rules(match="nearest")).score.notes == ()
+
+
+def test_trajectories_read_in_different_pose_conventions_are_pointed_out():
+    gt = _trajectory()
+    body = Trajectory(gt.T_world_camera, gt.stamps_ns, "odometry", pose_frame="body")
+    (note,) = score(_source(trajectory=body), _source(trajectory=gt)).score.notes
+    assert "--gt-pose-frame" in note
+
+
+def test_a_map_and_a_trajectory_have_nothing_in_common():
+    with pytest.raises(InputError, match="nothing to compare"):
+        score(_source(cloud=_cloud([[0, 0, 0]])), _source(trajectory=_trajectory()))
+
+
 def test_maps_alone_give_nearest_neighbours_alone():
     room = cluttered_room(2)
     run = score(_source(cloud=_cloud(room)), _source(cloud=_cloud(room + [0, 0, 0.02])), device="cpu").score
