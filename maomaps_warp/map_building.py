@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from maomaps_warp.model.results import NoValue
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap
 from maomaps_warp.protocol import Protocol
 from maomaps_warp.scoring.frame_poses import pose_of_frame
+from maomaps_warp.scoring.stamps import shifted
 from maomaps_warp.stopwatch import Stopwatch
 
 
@@ -47,7 +48,9 @@ def build_both(
         return NoValue(f"{gt.name}: the ground truth's map is empty", asked=True)
     grid = VoxelGrid.around(place, protocol.voxel_size, protocol.center_offset)
     gt_map = build_side("ground-truth map", gt, Alignment(), grid, protocol, device, clock)
-    est_map = build_side("estimated map", est, alignment, grid, protocol, device, clock)
+    # One recording has one clock; a trajectory file beside it may have another, which the offset is for.
+    offset = 0.0 if est.one_clock else protocol.t_offset
+    est_map = build_side("estimated map", est, alignment, grid, protocol, device, clock, t_offset_s=offset)
     for source, side_map in ((gt, gt_map), (est, est_map)):
         if not len(side_map.voxels):
             return NoValue(f"{source.name}: {_why_empty(side_map.facts)}", asked=True, counts=side_map.facts)
@@ -63,9 +66,12 @@ def build_side(
     device: str,
     clock: Stopwatch,
     *,
+    t_offset_s: float = 0.0,
     with_colors: bool = False,
 ) -> SideMap:
     """The map of a side, moved by `alignment`: of its cloud, or of its frames through its trajectory.
+
+    `t_offset_s`, seconds, is added to the trajectory's stamps before frames look for their poses.
 
     Raises:
         InputError: as `build_both`.
@@ -83,6 +89,8 @@ def build_side(
             raise InputError(source.name, "depth frames without poses", "give a trajectory file for them")
         limits = voxel_map.DepthLimits(protocol.min_range, protocol.max_range, protocol.pixel_stride, alignment.scale)
         trajectory = alignment.apply_trajectory(source.trajectory)
+        if trajectory.stamps_ns is not None:
+            trajectory = replace(trajectory, stamps_ns=shifted(trajectory.stamps_ns, t_offset_s))
         build = voxel_map.build_voxel_map(
             source.frames,
             pose_of_frame(trajectory, source.frames, method=protocol.match, max_gap_s=protocol.stamp_gap),
@@ -99,7 +107,7 @@ def _why_empty(facts: dict[str, int]) -> str:
     if "frames" not in facts:
         return "the map has no points"
     if facts["frames_without_pose"] == facts["frames"]:
-        return f"not one of {facts['frames']} depth frames has a pose at its stamp: see --max-stamp-gap"
+        return f"not one of {facts['frames']} depth frames has a pose at its stamp: see --max-stamp-gap and --t-offset"
     return f"not one of {facts['pixels']} depth samples lies within the protocol's range limits"
 
 

@@ -94,6 +94,7 @@ def score(
     result = Score(
         protocol=protocol,
         camera=used_camera,
+        pairing=None if isinstance(pairs, NoValue) else (pairs.method, pairs.largest_gap_s),
         alignment=alignment,
         ate=ate,
         rpe=rpe,

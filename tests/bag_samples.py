@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import bags
 import numpy as np
@@ -11,9 +13,17 @@ import pytest
 from bags import BAG_KINDS, BagKind, bag_path, write_bag
 from scipy.spatial.transform import Rotation
 
-from maomaps_warp.io.bags import read_bag_cloud, read_bag_frames, read_bag_trajectory
+from maomaps_warp.io.bags import (
+    BagContents,
+    open_contents,
+    read_bag_camera,
+    read_bag_cloud,
+    read_bag_frames,
+    read_bag_trajectory,
+)
 from maomaps_warp.model.camera import Camera
-from maomaps_warp.model.frame import Frame
+from maomaps_warp.model.cloud import PointCloud
+from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
 
 CAMERA = Camera(8, 6, 5.0, 5.5, 3.4, 2.6)
@@ -65,10 +75,35 @@ def assert_same_frames(found: list[Frame], expected: list[Frame]) -> None:
             np.testing.assert_array_equal(a.colors, b.colors)
 
 
+def bag_contents(path: Path) -> BagContents:
+    with open_contents(path) as contents:
+        return contents
+
+
+def bag_trajectory(path: Path, topics: Sequence[str] = (), **options: Any) -> Trajectory:
+    with open_contents(path, topics) as contents:
+        return read_bag_trajectory(contents, **options)
+
+
+def bag_cloud(path: Path) -> PointCloud:
+    with open_contents(path) as contents:
+        return read_bag_cloud(contents)
+
+
+def bag_camera(path: Path, topics: Sequence[str] = ()) -> Camera | None:
+    with open_contents(path, topics) as contents:
+        return read_bag_camera(contents)
+
+
+def bag_frames(path: Path, camera: Camera | None) -> FrameStream:
+    with open_contents(path) as contents:
+        return read_bag_frames(contents, camera=camera)
+
+
 def read_everything(path: Path) -> None:
-    read_bag_trajectory(path)
-    read_bag_cloud(path)
-    stream = read_bag_frames(path, camera=None)
+    bag_trajectory(path)
+    bag_cloud(path)
+    stream = bag_frames(path, camera=None)
     assert all(x.depth.shape == (CAMERA.height, CAMERA.width) for x in stream.read(True))
 
 

@@ -205,8 +205,8 @@ def test_a_missing_side_a_missing_file_and_a_folder_of_nothing_are_named(run: Pa
     assert_refused(score(run, "--gt", gt), run, "--est", "no estimate")
     assert_refused(score(run, "--gt", gt, "--est", run / "none"), run, "none: no such file")
     assert_refused(score(run, run, "--gt", gt), run, "beside --gt")
-    assert_refused(score(run, run), run, "missing: gt_points.txt")
-    assert_refused(score(run, gt), run, "gt.txt", "is a file")
+    assert_refused(score(run, run), run, "gt_points.txt")
+    assert_refused(score(run, gt), run, "gt.txt", "--gt X --est Y")
     (run / "folder").mkdir()
     assert_refused(score(run, "--gt", gt, "--est", run / "folder"), run, "an empty folder", "accepted:")
     for name in ("est-map", "est-trajectory"):

@@ -12,6 +12,10 @@ from bag_samples import (
     T0_NS,
     assert_same_frames,
     assert_same_poses,
+    bag_camera,
+    bag_contents,
+    bag_frames,
+    bag_trajectory,
     every_kind,
     some_frames,
     some_poses,
@@ -20,14 +24,7 @@ from bag_samples import (
 from bags import BAG_KINDS, BagKind, bag_path, storage_file, write_bag, write_rgbd_bag
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import (
-    describe_bag,
-    open_bag,
-    read_bag_camera,
-    read_bag_frames,
-    read_bag_trajectory,
-    recognise_bag,
-)
+from maomaps_warp.io.bags import open_bag, recognise_bag
 
 
 @every_kind
@@ -36,9 +33,9 @@ def test_what_is_written_into_a_bag_is_read_back_bit_by_bit(kind: BagKind, encod
     frames, poses = some_frames(7), some_poses(7)
     path = write_rgbd_bag(bag_path(tmp_path, kind), kind, frames, poses, CAMERA, depth_encoding=encoding)
     assert recognise_bag(path)
-    assert_same_poses(read_bag_trajectory(path), poses)
-    assert read_bag_camera(path) == CAMERA
-    stream = read_bag_frames(path, camera=None)
+    assert_same_poses(bag_trajectory(path), poses)
+    assert bag_camera(path) == CAMERA
+    stream = bag_frames(path, camera=None)
     assert (stream.camera, stream.count) == (CAMERA, 7)
     assert_same_frames(list(stream.read(True)), frames)
     assert_same_frames(list(stream.read(False)), [replace(x, colors=None) for x in frames])
@@ -50,8 +47,8 @@ def test_the_storage_file_of_a_ros2_bag_can_be_read_alone_under_any_name(kind: B
     folder = write_rgbd_bag(bag_path(tmp_path, kind), kind, frames, poses, CAMERA)
     path = Path(shutil.copy(storage_file(folder), tmp_path / "recording.data"))
     assert recognise_bag(path)
-    assert_same_poses(read_bag_trajectory(path), poses)
-    assert_same_frames(list(read_bag_frames(path, camera=None).read(True)), frames)
+    assert_same_poses(bag_trajectory(path), poses)
+    assert_same_frames(list(bag_frames(path, camera=None).read(True)), frames)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +59,7 @@ def test_compressed_bags_are_read(kind: BagKind, compression: str, tmp_path: Pat
     poses = some_poses(5)
     entries = bags.pose_messages(kind, "/pose", poses.stamps_ns.tolist(), poses.T_world_camera)
     path = write_bag(bag_path(tmp_path, kind), kind, entries, compression=compression)
-    assert_same_poses(read_bag_trajectory(path), poses)
+    assert_same_poses(bag_trajectory(path), poses)
 
 
 @pytest.mark.parametrize(
@@ -84,8 +81,8 @@ def test_an_mcap_without_parts_of_its_summary_is_read(options: dict[str, bool], 
     poses = some_poses(9)
     entries = bags.pose_messages("mcap-ros1", "/pose", poses.stamps_ns.tolist(), poses.T_world_camera)
     path = bags.write_mcap_ros1(tmp_path / "run.mcap", entries, **options)
-    assert describe_bag(path).poses[0].count == 9
-    assert_same_poses(read_bag_trajectory(path), poses)
+    assert bag_contents(path).poses[0].count == 9
+    assert_same_poses(bag_trajectory(path), poses)
 
 
 def test_messages_come_in_log_time_order_from_every_kind(tmp_path: Path) -> None:
@@ -115,8 +112,8 @@ def test_custom_message_types_do_not_disturb_the_standard_ones(kind: BagKind, tm
     poses = some_poses(3)
     entries = bags.pose_messages(kind, "/pose", poses.stamps_ns.tolist(), poses.T_world_camera)
     path = write_bag(bag_path(tmp_path, kind), kind, [("/odd", T0_NS, odd), *entries], store=store)
-    assert_same_poses(read_bag_trajectory(path), poses)
-    assert [x.name for x in describe_bag(path).others] == ["/odd"]
+    assert_same_poses(bag_trajectory(path), poses)
+    assert [x.name for x in bag_contents(path).others] == ["/odd"]
     with open_bag(path) as bag:
         ((_, _, found),) = bag.messages(["/odd"])
     assert (found.x, found.names) == (1.0, ["a"])
@@ -127,14 +124,14 @@ def test_of_several_candidates_the_named_one_is_read_and_else_all_are_listed(tmp
         (name, T0_NS + i, bags.pose_stamped("ros1", T0_NS + i, (i, 0, 0))) for i, name in enumerate(["/a", "/b"])
     ]
     path = write_bag(tmp_path / "run.bag", "ros1", entries)
-    assert read_bag_trajectory(path, topics=["/b"]).positions[0, 0] == 1
-    assert read_bag_trajectory(path, topics=["b"]).positions[0, 0] == 1
+    assert bag_trajectory(path, topics=["/b"]).positions[0, 0] == 1
+    assert bag_trajectory(path, topics=["b"]).positions[0, 0] == 1
     listing = r"/a \(geometry_msgs/PoseStamped, 1 message\); /b \(geometry_msgs/PoseStamped, 1 message\)"
     for topics in ([], ["/a", "/b"]):
         with pytest.raises(InputError, match=rf"2 topics.*--gt-topic/--est-topic NAME: {listing}"):
-            read_bag_trajectory(path, topics=topics)
+            bag_trajectory(path, topics=topics)
     with pytest.raises(InputError, match=rf"no topic /c.*{listing}"):
-        read_bag_trajectory(path, topics=["/c"])
+        bag_trajectory(path, topics=["/c"])
 
 
 def test_a_named_topic_of_no_use_is_refused(tmp_path: Path) -> None:
@@ -143,11 +140,11 @@ def test_a_named_topic_of_no_use_is_refused(tmp_path: Path) -> None:
     entries = [("/clock", T0_NS, clock), ("/pose", T0_NS, bags.pose_stamped("ros1", T0_NS, (0, 0, 0)))]
     path = write_bag(tmp_path / "run.bag", "ros1", entries)
     with pytest.raises(InputError, match=r"topic /clock.*nothing that can be scored.*/pose"):
-        read_bag_trajectory(path, topics=["/clock"])
+        bag_trajectory(path, topics=["/clock"])
 
 
 def test_a_bag_is_described_by_what_its_topics_can_serve_as(tmp_path: Path) -> None:
-    contents = describe_bag(whole_bag(tmp_path, "ros2-mcap"))
+    contents = bag_contents(whole_bag(tmp_path, "ros2-mcap"))
     names = {
         role: [x.name for x in getattr(contents, role)]
         for role in ("poses", "clouds", "depths", "colors", "camera_infos", "others")

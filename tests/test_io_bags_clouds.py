@@ -6,24 +6,14 @@ from pathlib import Path
 import bags
 import numpy as np
 import pytest
-from bag_samples import (
-    FLOAT32,
-    FLOAT64,
-    T0_NS,
-    UINT8,
-    UINT32,
-    xyz_cloud,
-)
+from bag_samples import FLOAT32, FLOAT64, T0_NS, UINT8, UINT32, bag_cloud, xyz_cloud
 from bags import write_bag
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import (
-    read_bag_cloud,
-)
 
 
 def read_one_cloud(tmp_path: Path, item: object):
-    return read_bag_cloud(write_bag(tmp_path / "cloud.bag", "ros1", [("/map", T0_NS, item)]))
+    return bag_cloud(write_bag(tmp_path / "cloud.bag", "ros1", [("/map", T0_NS, item)]))
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -107,4 +97,4 @@ def test_a_cloud_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
         item = bags.cloud_message("ros1", T0_NS, described, bytes(24), **layout)
         path = write_bag(tmp_path / f"{i}.bag", "ros1", [("/map", T0_NS, item)])
         with pytest.raises(InputError, match="topic /map"):
-            read_bag_cloud(path)
+            bag_cloud(path)

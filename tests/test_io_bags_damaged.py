@@ -6,21 +6,11 @@ from pathlib import Path
 
 import bags
 import pytest
-from bag_samples import (
-    T0_NS,
-    every_kind,
-    read_everything,
-    whole_bag,
-)
+from bag_samples import T0_NS, bag_contents, bag_trajectory, every_kind, read_everything, whole_bag
 from bags import BagKind, bag_path, storage_file, write_bag
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import (
-    describe_bag,
-    open_bag,
-    read_bag_trajectory,
-    recognise_bag,
-)
+from maomaps_warp.io.bags import open_bag, recognise_bag
 
 
 @every_kind
@@ -66,14 +56,14 @@ def test_an_unindexed_bag_is_refused_with_the_command_that_repairs_it(tmp_path: 
     active = tmp_path / "run.bag.active"
     active.write_bytes(data[:start] + bytes(8) + data[start + 8 :])
     with pytest.raises(InputError, match=rf"{active}.*not indexed.*rosbag reindex"):
-        describe_bag(active)
+        bag_contents(active)
 
 
 def test_an_mcap_without_its_end_is_refused_with_the_command_that_repairs_it(tmp_path: Path) -> None:
     path = whole_bag(tmp_path, "mcap-ros1")
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(InputError, match=rf"{path}.*cut short.*mcap recover"):
-        describe_bag(path)
+        bag_contents(path)
 
 
 def test_a_ros2_folder_that_lost_its_metadata_is_refused_with_the_command_that_repairs_it(
@@ -83,7 +73,7 @@ def test_a_ros2_folder_that_lost_its_metadata_is_refused_with_the_command_that_r
     (path / "metadata.yaml").unlink()
     assert recognise_bag(path)
     with pytest.raises(InputError, match=rf"{path}.*metadata.*ros2 bag reindex"):
-        describe_bag(path)
+        bag_contents(path)
 
 
 def test_a_broken_chunk_is_refused(tmp_path: Path) -> None:
@@ -95,15 +85,15 @@ def test_a_broken_chunk_is_refused(tmp_path: Path) -> None:
         data[chunk : chunk + 40] = bytes(40)
         path.write_bytes(data)
         with pytest.raises(InputError, match=str(path)):
-            read_bag_trajectory(path)
+            bag_trajectory(path)
 
 
 @every_kind
 def test_an_empty_bag_has_no_topics_and_says_so(kind: BagKind, tmp_path: Path) -> None:
     path = write_bag(bag_path(tmp_path, kind), kind, [])
-    assert describe_bag(path).all == ()
+    assert bag_contents(path).all == ()
     with pytest.raises(InputError, match=r"no topic with poses.*holds no messages"):
-        read_bag_trajectory(path)
+        bag_trajectory(path)
 
 
 def test_what_is_not_a_bag_is_refused_and_told_apart(tmp_path: Path) -> None:
@@ -134,7 +124,7 @@ def test_a_topic_with_messages_of_another_definition_is_refused(tmp_path: Path) 
         )
         writer.write(connection, T0_NS, struct.pack("<d", 1.0))
     with pytest.raises(InputError, match=r"topic /pose.*md5 0000.*rosbag fix"):
-        read_bag_trajectory(path)
+        bag_trajectory(path)
 
 
 def test_a_damaged_message_is_refused_with_its_topic(tmp_path: Path) -> None:
@@ -145,4 +135,4 @@ def test_a_damaged_message_is_refused_with_its_topic(tmp_path: Path) -> None:
         connection = writer.add_connection("/pose", "geometry_msgs/msg/PoseStamped", typestore=bags.typestore("ros1"))
         writer.write(connection, T0_NS, b"\x01\x02\x03")
     with pytest.raises(InputError, match=r"topic /pose"):
-        read_bag_trajectory(path)
+        bag_trajectory(path)

@@ -7,24 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_samples import (
-    ROTATION_TOLERANCE,
-    every_kind,
-    some_poses,
-)
+from bag_samples import ROTATION_TOLERANCE, bag_cloud, bag_contents, bag_frames, bag_trajectory, every_kind, some_poses
 from bags import BagKind, bag_path, storage_file, write_rgbd_bag
 from PIL import Image
 from scipy.spatial.transform import Rotation
 from shared_data import shared_data
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import (
-    describe_bag,
-    open_bag,
-    read_bag_cloud,
-    read_bag_frames,
-    read_bag_trajectory,
-)
+from maomaps_warp.io.bags import open_bag
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame
 
@@ -69,7 +59,7 @@ def check_real_frames(kind: BagKind, count: int, folder: Path) -> None:
         path = folder / encoding / bag_path(folder, kind).name
         path.parent.mkdir()
         write_rgbd_bag(path, kind, frames, poses, camera, depth_encoding=encoding)
-        for found, frame, raw in zip(read_bag_frames(path, camera=None).read(True), frames, raws, strict=True):
+        for found, frame, raw in zip(bag_frames(path, camera=None).read(True), frames, raws, strict=True):
             np.testing.assert_array_equal(found.depth, (raw / 1000).astype(np.float32))
             np.testing.assert_array_equal(found.colors, frame.colors)
             assert found.stamp_ns == frame.stamp_ns
@@ -90,7 +80,7 @@ def test_real_trajectories_are_read_whole(name: str, topic: str, count: int, pat
     from rosbags.highlevel import AnyReader
 
     path = shared_data("bags_evo") / name
-    found = read_bag_trajectory(path, topics=[topic], pose_frame="optical")
+    found = bag_trajectory(path, topics=[topic], pose_frame="optical")
     assert len(found) == count
     assert found.path_length == pytest.approx(path_length, abs=5e-4)  # metres: evo prints three decimals
     with AnyReader([path]) as reader:
@@ -114,14 +104,14 @@ def test_a_bag_of_transforms_alone_has_no_trajectory_and_lists_its_topics(name: 
         assert sum(1 for _ in bag.messages(["/tf"])) == 517
     assert counts == {"/tf": 517, "/tf_static": 1}
     with pytest.raises(InputError, match=r"no topic with poses.*/tf \(tf2_msgs/TFMessage, 517 messages\)"):
-        read_bag_trajectory(path)
+        bag_trajectory(path)
 
 
 def test_a_real_lidar_cloud_is_unpacked_as_struct_unpacks_it() -> None:
     from rosbags.highlevel import AnyReader
 
     path = shared_data("bags_pointcloud") / "embag_test.bag"
-    found = read_bag_cloud(path)
+    found = bag_cloud(path)
     assert found.frame_id == "luminar_lidar"
     assert found.notes == ("/luminar_pointcloud: the last of 5 clouds is used",)
     with AnyReader([path]) as reader:
@@ -140,13 +130,13 @@ def test_a_real_lidar_cloud_is_unpacked_as_struct_unpacks_it() -> None:
 
 def test_a_real_coloured_cloud_and_real_images_are_recognised() -> None:
     path = shared_data("bags_pointcloud") / "ros_numpy_test.bag"
-    cloud = read_bag_cloud(path)
+    cloud = bag_cloud(path)
     assert len(cloud) == 100 and cloud.colors is not None
     assert (cloud.colors[:, 2] == 255).all() and (cloud.colors[:, 1] == 0).all()
-    contents = describe_bag(path)
+    contents = bag_contents(path)
     assert {x.name: x.encoding for x in contents.colors} == {"/image": "rgb8", "/compressedimage": "png"}
     with pytest.raises(InputError, match="no topic with depth images"):
-        read_bag_frames(path, camera=None)
+        bag_frames(path, camera=None)
 
 
 @pytest.mark.slow
@@ -155,7 +145,7 @@ def test_a_real_mcap_of_263_clouds_gives_its_last_one_from_folder_and_file(tmp_p
     with tarfile.open(archive) as tar:
         tar.extractall(tmp_path, filter="data")
     folder = next(x for x in tmp_path.iterdir() if x.is_dir())
-    cloud, alone = read_bag_cloud(folder), read_bag_cloud(storage_file(folder))
+    cloud, alone = bag_cloud(folder), bag_cloud(storage_file(folder))
     assert len(cloud) == 38548 and cloud.frame_id == "d435_depth_optical_frame"
     assert cloud.notes == ("/point_cloud: the last of 263 clouds is used",)
     np.testing.assert_array_equal(cloud.points, alone.points)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shared_data import shared_reference
 
+from maomaps_warp.errors import InputError
 from maomaps_warp.io.clouds import read_cloud, recognise_cloud, write_pcd, write_xyz
 
 
@@ -73,7 +74,7 @@ def test_a_forced_format_that_does_not_fit_is_refused(tmp_path, format):
 
 def test_a_pcd_forced_to_be_text_is_refused(tmp_path):
     path = written(tmp_path, pcd("x y z", "4 4 4", "F F F", ascii_rows(POINTS), "ascii"))
-    assert "looks like a PCD" in error_of(path, format="xyz")
+    assert "is a PCD point cloud" in error_of(path, format="xyz")
 
 
 def test_a_folder_and_a_missing_file_are_told(tmp_path):
@@ -133,6 +134,23 @@ def test_a_bad_npz_is_refused(tmp_path, content, words):
     message = error_of(written(tmp_path, content))
     for word in words:
         assert word in message
+
+
+def test_an_npz_with_any_byte_damaged_is_read_or_refused_and_nothing_else(tmp_path):
+    compressed, lone = io.BytesIO(), io.BytesIO()
+    np.savez_compressed(compressed, points=np.arange(30.0).reshape(10, 3) ** 2)
+    np.save(lone, P)
+    refused = 0
+    for whole in (compressed.getvalue(), lone.getvalue()[:140]):
+        for at in range(8, len(whole)):
+            for byte in (0x28, 0xFF):  # 0x28 opens a bracket in the array's header
+                path = written(tmp_path, whole[:at] + bytes([byte]) + whole[at + 1 :])
+                try:
+                    read_cloud(path)
+                except InputError as error:
+                    assert str(path) in error.where
+                    refused += 1
+    assert refused > 50
 
 
 def test_a_written_pcd_has_the_bytes_that_pcl_reads(tmp_path):

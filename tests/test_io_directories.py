@@ -10,6 +10,7 @@ import pytest
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.original_directory import is_original_directory, read_original_side
 from maomaps_warp.io.sample_directories import is_sample_directory, read_sample
+from maomaps_warp.io.source import Side
 
 # MAOMaps sample directories
 
@@ -59,7 +60,7 @@ def test_all_missing_files_of_a_sample_directory_are_listed(sample: Path) -> Non
 
 def test_a_sample_map_without_colours_is_noted(sample: Path) -> None:
     (sample / "gt_colors_first.txt").unlink()
-    run = read_sample(sample, "first", with_poses=False)
+    run = read_sample(sample, "first", part="map")
     assert run.cloud is not None and run.cloud.colors is None and run.trajectory is None
     assert any("gt_colors_first.txt" in note for note in run.notes)
 
@@ -92,11 +93,30 @@ def original(tmp_path: Path) -> Path:
 def test_both_sides_of_an_original_directory_pair_by_index(original: Path) -> None:
     assert is_original_directory(original)
     (original / "slam_poses_timestamps.txt").write_text("5\n6\n")  # not the original's; must not matter
-    for side, shift in (("gt", 0.0), ("est", 1.0)):
-        cloud, trajectory = read_original_side(original, side)  # type: ignore[arg-type]
+    sides: tuple[tuple[Side, float], ...] = (("gt", 0.0), ("est", 1.0))
+    for side, shift in sides:
+        source = read_original_side(original, side)
+        cloud, trajectory = source.cloud, source.trajectory
+        assert cloud is not None and trajectory is not None
         assert cloud.points[0].tolist() == [shift, 0, 0]
         assert trajectory.positions[0].tolist() == [shift, 0, 0]
         assert trajectory.stamps_ns is None
+
+
+def test_what_is_not_wanted_of_an_original_directory_may_be_damaged(original: Path) -> None:
+    (original / "gt_points.txt").write_text("no cloud")
+    poses = read_original_side(original, "gt", part="trajectory")
+    assert poses.cloud is None and poses.trajectory is not None
+    (original / "slam_poses.txt").write_text("no poses")
+    cloud = read_original_side(original, "est", part="map")
+    assert cloud.cloud is not None and cloud.trajectory is None
+
+
+def test_stamps_beside_the_poses_of_an_original_directory_drop_none(original: Path) -> None:
+    (original / "slam_poses_timestamps.txt").write_text("6\n5\n7\n")
+    source = read_original_side(original, "est", pose_frame="optical")
+    assert source.trajectory is not None and source.trajectory.pose_frame == "optical"
+    assert source.trajectory.positions.tolist() == [[1, 0, 0], [2, 2, 2]]
 
 
 def test_unequal_numbers_of_poses_are_refused_with_both(original: Path) -> None:
@@ -115,5 +135,5 @@ def test_a_pcd_of_the_original_saver_inside_slam_points_txt_is_read(original: Pa
     header = "# .PCD v.5\nVERSION .5\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
     data = "WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1.5 2 3\n4 5 6\n"
     (original / "slam_points.txt").write_text(header + data)
-    cloud, _ = read_original_side(original, "est")
-    assert cloud.points.tolist() == [[1.5, 2, 3], [4, 5, 6]]
+    cloud = read_original_side(original, "est", part="map").cloud
+    assert cloud is not None and cloud.points.tolist() == [[1.5, 2, 3], [4, 5, 6]]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.rgbd_folders import RgbdFolder, read_rgbd_folder, recognise_rgbd_folder
+from maomaps_warp.io.rgbd_folders import read_rgbd_folder, recognise_rgbd_folder
+from maomaps_warp.io.source import Part, Source
 from maomaps_warp.model.camera import Camera
 
 #: Half a unit in the last place of float32 at a few metres, metres.
@@ -35,10 +36,10 @@ def matrix_text(matrix: NDArray[np.float64]) -> str:
     return "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in matrix)
 
 
-def opened(path: Path, camera: Camera | None = None, with_poses: bool = True) -> RgbdFolder:
+def opened(path: Path, camera: Camera | None = None, part: Part = "all") -> Source:
     layout = recognise_rgbd_folder(path)
     assert layout is not None
-    return read_rgbd_folder(path, layout=layout, camera=camera, with_poses=with_poses)
+    return read_rgbd_folder(path, layout=layout, camera=camera, part=part)
 
 
 def refusal(path: Path, camera: Camera | None = None) -> str:
@@ -139,7 +140,7 @@ def test_a_later_image_of_another_size_is_refused_when_its_turn_comes(tum: Path)
 def test_a_tum_folder_without_ground_truth_serves_where_other_poses_are_brought(tum: Path) -> None:
     (tum / "groundtruth.txt").unlink()
     (tum / "depth.txt").write_text("1.0 depth/1305031229.60.png\n")
-    assert opened(tum, SMALL, with_poses=False).trajectory is None
+    assert opened(tum, SMALL, part="map").trajectory is None
     assert "groundtruth.txt" in refusal(tum, SMALL)
 
 
@@ -183,7 +184,21 @@ def test_a_frame_whose_pose_is_lost_is_skipped_and_counted(scene: Path, lost: st
 
 def test_a_lost_pose_costs_no_frame_where_other_poses_are_brought(scene: Path) -> None:
     (scene / "seq-01" / "frame-000001.pose.txt").write_text("nan nan nan nan\n" * 4)
-    assert opened(scene, with_poses=False).frames.count == 3
+    assert opened(scene, part="map").frames.count == 3
+
+
+@pytest.mark.parametrize("fixture", ["tum", "scene"])
+def test_folders_wanted_for_their_poses_alone_need_no_readable_image(
+    fixture: str, request: pytest.FixtureRequest
+) -> None:
+    folder = request.getfixturevalue(fixture)
+    for image in folder.rglob("*.png"):
+        image.write_bytes(b"no image")
+    assert "cannot be read" in refusal(folder)
+    found = opened(folder, part="trajectory")
+    assert found.frames is None and found.trajectory is not None and len(found.trajectory) > 1
+    assert (found.camera is None) == (fixture == "scene")
+    assert any(note.startswith("camera ") for note in found.notes)
 
 
 def test_several_sequences_are_refused_and_one_of_them_is_accepted(scene: Path) -> None:
@@ -285,7 +300,7 @@ def test_unequal_counts_of_poses_and_images_are_refused_with_both(redwood: Path)
         (lambda text: text.replace("-1 0 0 3", "-1 0 0.5 3", 1), "line 2: no rotation matrix"),
     ],
 )
-def test_a_damaged_pose_log_is_refused_with_its_line(redwood: Path, damage, complaint: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_damaged_pose_log_is_refused_with_its_line(redwood: Path, damage, complaint: str) -> None:
     path = redwood / "trajectory.log"
     path.write_text(damage(path.read_text()))
     message = refusal(redwood)

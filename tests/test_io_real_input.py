@@ -10,8 +10,8 @@ from shared_data import shared_data, shared_reference
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.original_directory import is_original_directory
-from maomaps_warp.io.rgbd_folders import RgbdFolder, read_rgbd_folder, recognise_rgbd_folder
-from maomaps_warp.io.sources import SourceOptions, open_original_directory, open_source
+from maomaps_warp.io.rgbd_folders import read_rgbd_folder, recognise_rgbd_folder
+from maomaps_warp.io.sources import Source, SourceOptions, open_original_directory, open_source
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame
 
@@ -20,7 +20,7 @@ AUTO = SourceOptions()
 WRONG_POSES_FACTOR = 5.0
 
 
-def reprojection_error(folder: RgbdFolder, pair: tuple[Frame, Frame], *, inverse: bool = False) -> float:
+def reprojection_error(folder: Source, pair: tuple[Frame, Frame], *, inverse: bool = False) -> float:
     """Median |depth of the first frame seen from the second - depth of the second|, metres."""
     assert folder.trajectory is not None
     T = []

@@ -24,6 +24,7 @@ from bags import (
 from PIL import Image
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.io.bags import frames, open_bag, topics
 from maomaps_warp.io.sources import (
     Side,
     Source,
@@ -155,7 +156,7 @@ def test_what_cannot_be_recognised_is_described_with_the_way_out(
     path = tmp_path / "thing"
     path.write_bytes(content)
     for side in ("gt", "est"):
-        message = refusal(path, AUTO, side)  # type: ignore[arg-type]
+        message = refusal(path, AUTO, side)
         assert complaint in message and "PCD" in message and f"--{side}-format" in message
 
 
@@ -200,6 +201,22 @@ def test_a_named_topic_decides_between_clouds_and_depth(tmp_path: Path) -> None:
     assert not any("topic decides" in note for note in (*gt.notes, *est.notes))
 
 
+def test_a_bag_is_opened_once_for_a_side_and_its_frames_when_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Path] = []
+
+    def counting(path: Path) -> Any:
+        opened.append(path)
+        return open_bag(path)
+
+    for module in (topics, frames):
+        monkeypatch.setattr(module, "open_bag", counting)
+    source = open_source(write_run(tmp_path, holds="depth info pose"))
+    assert len(opened) == 1 and source.frames is not None
+    assert len(list(source.frames.read(False))) == len(STAMPS) and len(opened) == 2
+
+
 def test_kinds_of_bags_are_named(tmp_path: Path) -> None:
     kinds = [open_source(write_run(tmp_path, kind), AUTO, "est").kind for kind in BAG_KINDS]
     assert kinds == ["ROS 1 bag", "ROS 2 bag folder", "ROS 2 bag folder", "MCAP recording"]
@@ -214,7 +231,7 @@ def test_the_users_camera_wins_over_the_bags(tmp_path: Path) -> None:
 def test_a_distorted_camera_is_noted_beside_a_cloud_and_refused_for_depth(tmp_path: Path) -> None:
     path = write_run(tmp_path, holds="cloud depth distorted pose")
     est = open_source(path, AUTO, "est")
-    assert est.camera is None and any("camera_info of the bag not used" in note for note in est.notes)
+    assert est.camera is None and any("camera not used" in note for note in est.notes)
     assert "distortion" in refusal(path)
 
 

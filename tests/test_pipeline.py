@@ -134,6 +134,28 @@ def test_an_empty_map_has_a_reason_of_its_own():
         assert "depth" not in run.ame_nn.reason
 
 
+@pytest.mark.parametrize("one_clock", [True, False])
+def test_an_offset_of_the_clock_reaches_frames_that_come_from_another_file(one_clock):
+    poses = _trajectory()
+    late = Trajectory(poses.T_world_camera, poses.stamps_ns + 10**11, "late")
+    rng = np.random.default_rng(1)
+    depths = rng.uniform(0.5, 3.0, size=(12, 48, 64)).astype(np.float32)
+
+    def frames(offset):
+        def read(with_colors):
+            for i, depth in enumerate(depths):
+                yield Frame(i, int(poses.stamps_ns[i]) + offset, depth)
+
+        return FrameStream(CAMERA, 12, read, "frames")
+
+    gt = _source(trajectory=poses, frames=frames(0))
+    # One recording: its frames are late too. Two files: the frames have the ground truth's clock.
+    est = _source(trajectory=late, frames=frames(10**11 if one_clock else 0), one_clock=one_clock)
+    run = score(gt, est, _rules(t_offset=-100.0), device="cpu").score
+    assert run.est.facts["frames_without_pose"] == 0
+    assert run.ame_nn.accuracy.max == 0.0
+
+
 def test_a_scaled_estimate_without_scale_is_wrong_and_says_so():
     room, gt_poses = cluttered_room(1), _trajectory()
     est_poses, est_points = _moved(gt_poses, room, _similarity(1.1))

@@ -51,7 +51,7 @@ def stream_of(*depths: np.ndarray) -> FrameStream:
 
 
 def sensed(depth: np.ndarray, **settings: float) -> np.ndarray:
-    disturbance = SlamDisturbance(**{**CLEAR, **settings})  # type: ignore[arg-type]
+    disturbance = SlamDisturbance(**{**CLEAR, **settings})
     return next(disturbed_frames(stream_of(depth), disturbance).read(False)).depth
 
 
@@ -61,7 +61,7 @@ def ate(gt: Trajectory, est: Trajectory) -> float:
 
 def test_no_disturbance_changes_nothing() -> None:
     gt = gt_drive()
-    nothing = SlamDisturbance(**STILL, **CLEAR)  # type: ignore[arg-type]
+    nothing = SlamDisturbance(**STILL, **CLEAR)
     np.testing.assert_allclose(disturbed_trajectory(gt, nothing).T_world_camera, gt.T_world_camera, atol=1e-12)
     depth = np.random.default_rng(0).uniform(0.4, 9.0, (20, 30))
     depth[3, 4] = 0.0
@@ -85,7 +85,7 @@ def test_the_drift_does_not_depend_on_how_densely_the_way_is_sampled() -> None:
     dense, sparse = (gt_drive(0, frames) for frames in (961, 241))
     ends = [
         disturbed_trajectory(gt, SlamDisturbance(**still)).positions[-1] - gt.positions[-1] for gt in (dense, sparse)
-    ]  # type: ignore[arg-type]
+    ]
     assert np.linalg.norm(ends[0]) > 0.02
     # Metres: the integration's step differs by a factor of four.
     np.testing.assert_allclose(ends[0], ends[1], atol=0.01)
@@ -103,7 +103,7 @@ def test_drift_starts_at_zero_and_changes_smoothly() -> None:
 
 def test_yaw_drift_turns_about_the_vertical_and_keeps_the_steps_lengths() -> None:
     gt = gt_drive()
-    est = disturbed_trajectory(gt, SlamDisturbance(**{**STILL, "yaw_drift": 0.02}))  # type: ignore[arg-type]
+    est = disturbed_trajectory(gt, SlamDisturbance(**{**STILL, "yaw_drift": 0.02}))
     turn = est.T_world_camera[:, :3, :3] @ gt.T_world_camera[:, :3, :3].transpose(0, 2, 1)
     np.testing.assert_allclose(turn[:, 2], np.tile([0.0, 0.0, 1.0], (len(gt), 1)), atol=1e-12)
     assert np.abs(np.arctan2(turn[:, 1, 0], turn[:, 0, 0])).max() > 0.01
@@ -114,13 +114,13 @@ def test_yaw_drift_turns_about_the_vertical_and_keeps_the_steps_lengths() -> Non
 
 def test_a_scale_error_makes_the_way_longer_by_its_share() -> None:
     gt = gt_drive()
-    est = disturbed_trajectory(gt, SlamDisturbance(**{**STILL, "scale_error": 0.01}))  # type: ignore[arg-type]
+    est = disturbed_trajectory(gt, SlamDisturbance(**{**STILL, "scale_error": 0.01}))
     assert est.path_length / gt.path_length == pytest.approx(1.01, rel=1e-9)
 
 
 def test_jitter_has_its_standard_deviation() -> None:
     gt = gt_drive(0, 2400)
-    est = disturbed_trajectory(gt, SlamDisturbance(**{**STILL, "position_jitter": 0.005, "rotation_jitter": 0.003}))  # type: ignore[arg-type]
+    est = disturbed_trajectory(gt, SlamDisturbance(**{**STILL, "position_jitter": 0.005, "rotation_jitter": 0.003}))
     assert (est.positions - gt.positions).std() == pytest.approx(0.005, rel=SPREAD_TOLERANCE)
     turn = gt.T_world_camera[:, :3, :3].transpose(0, 2, 1) @ est.T_world_camera[:, :3, :3]
     tilt = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]])
@@ -200,7 +200,7 @@ def test_border_range_and_missing_pixels_are_missing() -> None:
 def test_a_drive_without_steps_or_poses_has_no_drift() -> None:
     gt = gt_drive()
     for count in (0, 1):
-        est = disturbed_trajectory(gt.select(np.arange(count)), SlamDisturbance(**STILL))  # type: ignore[arg-type]
+        est = disturbed_trajectory(gt.select(np.arange(count)), SlamDisturbance(**STILL))
         np.testing.assert_array_equal(est.T_world_camera, gt.T_world_camera[:count])
 
 
@@ -210,4 +210,4 @@ def test_a_drive_without_steps_or_poses_has_no_drift() -> None:
 )
 def test_senseless_settings_are_refused(settings: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(settings))):
-        SlamDisturbance(**settings)  # type: ignore[arg-type]
+        SlamDisturbance(**settings)

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from maomaps_warp.stopwatch import Stopwatch
 
 _Topics = Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="A bag's topic to use; repeatable.")]
-_Format = Annotated[str, typer.Option(help="Read the input as this format instead of recognising it.")]
+_Format = Annotated[
+    str, typer.Option(help="Read it as: tum, kitti, euroc, maomaps, pcd, ply, xyz, npz, bag, sample, tum-rgbd, ...")
+]
 _PoseFrame = Annotated[
     Literal["auto", "optical", "body"],
     typer.Option(help="Whose poses the input holds: the camera's (z forward) or the robot's (x forward, z up)."),
@@ -210,6 +212,10 @@ def _open_side(
 
 
 def _open_directory(directory: Path, options: SourceOptions) -> tuple[Source, Source]:
-    from maomaps_warp.io.sources import open_original_directory
+    from maomaps_warp.errors import InputError
+    from maomaps_warp.io.sources import is_original_directory, open_original_directory
 
+    if directory.exists() and not is_original_directory(directory):
+        found = "is no directory of the original program (gt_points.txt, gt_poses.txt, slam_points.txt, slam_poses.txt)"
+        raise InputError(directory, found, "give other inputs as --gt X --est Y")
     return open_original_directory(directory, options)

@@ -96,7 +96,8 @@ def _read_calibration(path: Path) -> Camera:
     else:
         fields = {key: document.get(key, document.get(key.upper())) for key in ("width", "height", "k", "d")}
         roi = document.get("roi")
-        fields["roi"] = SimpleNamespace(**roi) if isinstance(roi, Mapping) else None
+        crop = {str(key): value for key, value in roi.items()} if isinstance(roi, Mapping) else {}
+        fields["roi"] = SimpleNamespace(**crop)
         fields["binning_x"], fields["binning_y"] = document.get("binning_x", 0), document.get("binning_y", 0)
     missing = [name for name in ("width", "height", "k") if fields[name] is None]
     if missing:

@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
-from maomaps_warp.io.pcd import FLOAT32_REACH_M, Parts, is_pcd, read_pcd, write_pcd
+from maomaps_warp.io.pcd import FLOAT32_REACH_M, is_pcd, read_pcd, write_pcd
 from maomaps_warp.io.ply import read_ply
-from maomaps_warp.io.tables import HEAD_BYTES, column_count, read_bytes, read_table, signature
-from maomaps_warp.io.trajectories import are_byte_values, recognise_trajectory
+from maomaps_warp.io.tables import HEAD_BYTES, column_count, not_of_kind, read_bytes, read_table, signature
+from maomaps_warp.io.trajectories import TRAJECTORY_NAMES, are_byte_values, recognise_trajectory
 from maomaps_warp.model.cloud import PointCloud
 
 __all__ = ["CloudFormat", "read_cloud", "recognise_cloud", "write_pcd", "write_xyz"]
 
-KnownCloud = Literal["pcd", "ply", "xyz", "npz"]
-CloudFormat = Literal["auto", "pcd", "ply", "xyz", "npz"]
+CloudFormat = Literal["pcd", "ply", "xyz", "npz"]
+
+#: What a reader finds: points, (N, 3) float64 metres, NaN included; colours, (N, 3) of the file's own type, or None;
+#: notes on what was not used.
+Parts = tuple[NDArray[np.float64], NDArray[np.generic] | None, tuple[str, ...]]
 
 _FORMATS_HINT = "clouds are PCD, PLY, text (x y z a row, r g b and more may follow) or NPZ"
-_TRAJECTORY_NAMES = {"tum": "a TUM", "kitti": "a KITTI", "euroc": "an EuRoC", "maomaps": "a MAOMaps"}
 
 
-def read_cloud(path: Path, *, format: CloudFormat = "auto") -> PointCloud:
+def read_cloud(path: Path, *, format: CloudFormat | Literal["auto"] = "auto") -> PointCloud:
     """Reads a point cloud.
 
     Args:
@@ -42,24 +47,19 @@ def read_cloud(path: Path, *, format: CloudFormat = "auto") -> PointCloud:
         InputError: the file is no cloud, not one of this format, damaged or empty.
     """
     path = Path(path)
-    if format not in get_args(CloudFormat):
-        raise ValueError(f"format must be one of {get_args(CloudFormat)}, got {format!r}")
-    found = recognise_cloud(path)
+    if format not in ("auto", *_READERS):
+        raise ValueError(f"format must be auto or one of {', '.join(_READERS)}, got {format!r}")
+    # A text of six columns has to be read whole to be recognised; whoever names it xyz spares that.
+    found = "xyz" if format == "xyz" else recognise_cloud(path)
     if found is None and format == "auto":
         raise _not_a_cloud(path)
-    if format not in ("auto", found) and not (format == "xyz" and found is None):
+    if found is None or format not in ("auto", found):
         raise _another_format(path, format, found)
-    readers: dict[str, Callable[[Path], Parts]] = {
-        "pcd": read_pcd,
-        "ply": read_ply,
-        "xyz": _read_xyz,
-        "npz": _read_npz,
-    }
-    points, colors, notes = readers[found or format](path)
+    points, colors, notes = _READERS[found](path)
     return _finished(path, points, colors, notes)
 
 
-def recognise_cloud(path: Path) -> KnownCloud | None:
+def recognise_cloud(path: Path) -> CloudFormat | None:
     """The format of a point cloud by its content, or None if it is none (or a folder).
 
     Texts that `recognise_trajectory` takes for poses are no clouds.
@@ -118,11 +118,20 @@ def _read_xyz(path: Path) -> Parts:
     )
 
 
+#: What NumPy, and the archive and the header's parser beneath it, raise for damaged files.
+_NPZ_ERRORS = (
+    *(ValueError, OSError, EOFError, KeyError, MemoryError, OverflowError, RuntimeError, SyntaxError),
+    *(struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
+)
+
+
 def _read_npz(path: Path) -> Parts:
     try:
-        loaded = np.load(path, allow_pickle=False)
-        arrays = {"points": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
-    except (ValueError, OSError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile) as error:
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            is_lone = isinstance(loaded, np.ndarray)
+            arrays = {"points": loaded} if is_lone else {name: loaded[name] for name in loaded.files}
+    except _NPZ_ERRORS as error:
         raise InputError(path, f"cannot be read as NPZ: {error}", "write it by np.savez(file, points=...)") from None
     name = next((key for key in ("points", "xyz") if key in arrays), None)
     if name is None and len(arrays) == 1:
@@ -140,6 +149,14 @@ def _read_npz(path: Path) -> Parts:
     notes = (f"{extra} columns of array {name} after x y z are not used",) if extra else ()
     with np.errstate(invalid="ignore"):  # a signalling NaN may warn; all NaN are counted later
         return points[:, :3].astype(np.float64), colors, notes
+
+
+_READERS: dict[str, Callable[[Path], Parts]] = {
+    "pcd": read_pcd,
+    "ply": read_ply,
+    "xyz": _read_xyz,
+    "npz": _read_npz,
+}
 
 
 def _is_numeric(array: object) -> bool:
@@ -173,7 +190,7 @@ def _byte_colors(colors: NDArray[np.generic]) -> NDArray[np.uint8] | None:
     return values.astype(np.uint8) if are_byte_values(values) else None
 
 
-def _another_format(path: Path, format: str, found: KnownCloud | None) -> InputError:
+def _another_format(path: Path, format: str, found: CloudFormat | None) -> InputError:
     looks = f"a {found.upper()} cloud" if found else signature(read_bytes(path, HEAD_BYTES)) or "something else"
     return InputError(
         path,
@@ -183,16 +200,8 @@ def _another_format(path: Path, format: str, found: KnownCloud | None) -> InputE
 
 
 def _not_a_cloud(path: Path) -> InputError:
-    if path.is_dir():
-        return InputError(path, "is a folder", "a cloud file is expected here")
-    known = signature(read_bytes(path, HEAD_BYTES))
-    if known is not None:
-        return InputError(path, f"is {known}, not a point cloud", _FORMATS_HINT)
     trajectory = recognise_trajectory(path)
     if trajectory is not None:
-        hint = "if it is a cloud, name the format xyz"
-        return InputError(path, f"looks like {_TRAJECTORY_NAMES[trajectory]} trajectory, not a point cloud", hint)
-    table = read_table(path)  # tells what is wrong with a text that is no table
-    columns = table.values.shape[1]
-    found = f"not a point cloud: {columns} value{'s' if columns > 1 else ''} a row"
-    return InputError(path, found, _FORMATS_HINT)
+        found = f"looks like poses ({TRAJECTORY_NAMES[trajectory]} trajectory), not a point cloud"
+        return InputError(path, found, "if it is a cloud, name the format xyz")
+    return not_of_kind(path, "a point cloud", _FORMATS_HINT)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.images import read_color_image, read_depth_image
+from maomaps_warp.io.images import check_image_size, read_color_image, read_depth_image
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 
@@ -59,13 +59,7 @@ def color_notes(images: Sequence[ImageFiles]) -> tuple[str, ...]:
 def _read_frame(index: int, image: ImageFiles, camera: Camera, scale: float, with_colors: bool) -> Frame:
     depth = read_depth_image(image.depth, scale=scale)
     colors = read_color_image(image.color) if with_colors and image.color else None
-    _check_size(image.depth, depth.shape, camera, "give the camera of these images with --camera")
+    check_image_size(depth.shape, camera, image.depth, "give the camera of these images with --camera")
     if image.color and colors is not None:
-        _check_size(image.color, colors.shape[:2], camera, "scale the colour images to the depth, or remove them")
+        check_image_size(colors.shape[:2], camera, image.color, "scale the colour images to the depth, or remove them")
     return Frame(index, image.stamp_ns, depth, colors)
-
-
-def _check_size(path: Path, shape: tuple[int, ...], camera: Camera, hint: str) -> None:
-    if shape != (camera.height, camera.width):
-        found = f"the image is {shape[1]}x{shape[0]}, the camera {camera.width}x{camera.height}"
-        raise InputError(path, found, hint)

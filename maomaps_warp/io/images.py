@@ -22,6 +22,12 @@ from maomaps_warp.errors import InputError
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+    from maomaps_warp.model.camera import Camera
+
+#: A colour image belongs to the depth image of the nearest stamp if they are at most this far apart, nanoseconds
+#: (the default of TUM's associate.py).
+MAX_COLOR_GAP_NS = 20_000_000
+
 #: Raw 16-bit value that means "no measurement", beside 0.
 MISSING_16BIT = 65535
 #: Pixel type and metres per unit of the depth encodings of sensor_msgs/Image (REP 118).
@@ -177,6 +183,13 @@ def decode_compressed_color(data: bytes | NDArray[np.uint8], where: object) -> N
         raise InputError(where, f"a {image.mode} image where a colour image is expected", "is this a depth image?")
     with _image_errors(where):
         return np.array(image.convert("RGB"), dtype=np.uint8)
+
+
+def check_image_size(shape: tuple[int, ...], camera: Camera, where: object, hint: str) -> None:
+    """Raise InputError, with this way out, if an image of this (height, width) is not of the camera's size."""
+    if shape != (camera.height, camera.width):
+        found = f"the image is {shape[1]}x{shape[0]}, the camera {camera.width}x{camera.height}"
+        raise InputError(where, found, hint)
 
 
 def _metres(raw: NDArray[Any], scale: float) -> NDArray[np.float32]:

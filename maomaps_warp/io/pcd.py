@@ -33,8 +33,6 @@ _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _TYPES = {(kind, size): f"<{kind.lower()}{size}" for kind, sizes in _SIZES.items() for size in sizes}
 _CUT_OFF = "the file is cut off or its header is wrong: write it again"
 
-Parts = tuple[NDArray[np.float64], NDArray[np.generic] | None, tuple[str, ...]]
-
 
 @dataclass(frozen=True)
 class _Field:
@@ -62,7 +60,7 @@ def is_pcd(head: bytes) -> bool:
     return bool(words) and words[0].decode("latin-1") in _KEYWORDS and bool({b"FIELDS", b"COLUMNS"} & set(words))
 
 
-def read_pcd(path: Path) -> Parts:
+def read_pcd(path: Path) -> tuple[NDArray[np.float64], NDArray[np.generic] | None, tuple[str, ...]]:
     """Reads a PCD of any version and encoding; VIEWPOINT is not applied.
 
     Returns:

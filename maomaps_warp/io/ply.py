@@ -33,8 +33,6 @@ _TYPES = {
 _ENCODINGS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CUT_OFF = "the file is cut off or its header is wrong: write it again"
 
-Parts = tuple[NDArray[np.float64], NDArray[np.generic] | None, tuple[str, ...]]
-
 
 @dataclass(frozen=True)
 class _Property:
@@ -62,7 +60,7 @@ class _Header:
     lines: int  # how many lines the header has
 
 
-def read_ply(path: Path) -> Parts:
+def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.generic] | None, tuple[str, ...]]:
     """Reads the vertices of a PLY, ascii or binary, with or without faces.
 
     Returns:
@@ -202,8 +200,7 @@ def _end_of(element: _Element, data: bytes, offset: int, order: str) -> int:
             size = np.dtype(prop.kind).itemsize
             if prop.length_kind:
                 width = np.dtype(prop.length_kind).itemsize
-                byteorder = "big" if order == ">" else "little"
-                length = int.from_bytes(data[offset : offset + width], byteorder)  # type: ignore[arg-type]
+                length = int.from_bytes(data[offset : offset + width], "big" if order == ">" else "little")
                 size = width + length * size
             offset += size
         if offset > len(data):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.rotations import checked_quaternions, matrices_from_quaternions, poses
-from maomaps_warp.io.tables import data_rows, decode_text, parse_rows, place, read_bytes, read_table
-from maomaps_warp.io.trajectory_formats import ORTHONORMALITY_TOLERANCE
+from maomaps_warp.io.rotations import checked_quaternions, checked_rotations, matrices_from_quaternions, poses
+from maomaps_warp.io.tables import check_finite, data_rows, decode_text, parse_rows, place, read_bytes, read_table
 from maomaps_warp.model.camera import Camera
 
 #: What to do where a folder does not state its camera.
@@ -66,9 +66,7 @@ def read_pose_log(path: Path) -> NDArray[np.float64]:
 def read_pose_lines(path: Path) -> NDArray[np.float64]:
     """The camera-to-world poses of `x y z qx qy qz qw` lines without stamps: (N, 4, 4) float64, metres."""
     table = read_table(path, columns={7})
-    if not np.isfinite(table.values).all():
-        row = int(np.flatnonzero(~np.isfinite(table.values).all(axis=1))[0])
-        raise InputError(table.where(row), "a value is NaN or infinite", "remove the row and its images")
+    check_finite(table)
     rotations = matrices_from_quaternions(checked_quaternions(table.values[:, 3:], table.where))
     return poses(table.values[:, :3], rotations)
 
@@ -97,13 +95,13 @@ def read_json_camera(folder: Path) -> Camera:
     path, content = found[0]
     try:
         K = np.array(content["intrinsic_matrix"], np.float64).reshape(3, 3).T  # stored column by column
-        width, height = int(content["width"]), int(content["height"])  # type: ignore[call-overload]
+        width, height = int(content["width"]), int(content["height"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, f"needs width, height and 9 numbers of intrinsic_matrix ({error})") from None
     return _camera(path, width, height, K)
 
 
-def _json(path: Path) -> dict[str, object]:
+def _json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(decode_text(path, read_bytes(path)))
     except json.JSONDecodeError as error:
@@ -128,12 +126,4 @@ def _rigid(matrix: NDArray[np.float64], where: str) -> NDArray[np.float64]:
         raise InputError(where, f"no finite 4x4 matrix, but {matrix.shape[0]}x{matrix.shape[1]}", "4 rows of 4 numbers")
     if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
         raise InputError(where, f"the last row is {matrix[3].tolist()}", "0 0 0 1 in a rigid transform")
-    R = matrix[:3, :3]
-    defect = float(np.abs(R.T @ R - np.eye(3)).max())
-    if defect > ORTHONORMALITY_TOLERANCE:
-        found = f"no rotation matrix (|R^T R - I| up to {defect:.2g}, {ORTHONORMALITY_TOLERANCE:g} is allowed)"
-        raise InputError(where, found, "a rigid 4x4 camera-to-world matrix is expected")
-    if np.linalg.det(R) < 0.0:
-        raise InputError(where, "a mirrored matrix (determinant -1)", "the poses must be right-handed")
-    U, _, Vt = np.linalg.svd(R)
-    return np.asarray(poses(matrix[None, :3, 3], (U @ Vt)[None])[0])
+    return np.asarray(poses(matrix[None, :3, 3], checked_rotations(matrix[None, :3, :3], lambda _: where))[0])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +23,10 @@ from maomaps_warp.io.rgbd_files import (
     read_pose_log,
     read_pose_matrix,
 )
+from maomaps_warp.io.source import Part, Source, camera_or_note, notes_of
 from maomaps_warp.io.trajectories import read_trajectory
 from maomaps_warp.io.tum_images import find_tum_images
 from maomaps_warp.model.camera import Camera
-from maomaps_warp.model.frame import FrameStream
 from maomaps_warp.model.trajectory import Trajectory
 
 #: The default of the TUM RGB-D benchmark for 640x480 images, and its depth unit (its page "File Formats").
@@ -38,23 +37,6 @@ METRES_PER_MILLIMETRE = 0.001
 
 _COLOR_FOLDERS = ("color", "rgb", "image")
 _POSE_READERS = {"trajectory.log": read_pose_log, "odometry.log": read_pose_log, "pose.txt": read_pose_lines}
-
-
-@dataclass(frozen=True, eq=False)
-class RgbdFolder:
-    """An RGB-D folder, opened.
-
-    Attributes:
-        kind: what it is, for reports.
-        frames: the depth images. Frame i has pose i of `trajectory` where the layout has no stamps.
-        trajectory: the folder's own poses; None if they were not asked for.
-        notes: what was assumed or left out, one short sentence each.
-    """
-
-    kind: str
-    frames: FrameStream
-    trajectory: Trajectory | None
-    notes: tuple[str, ...]
 
 
 def recognise_rgbd_folder(path: Path) -> str | None:
@@ -70,21 +52,15 @@ def recognise_rgbd_folder(path: Path) -> str | None:
     return found[0] if found else None
 
 
-def read_rgbd_folder(
-    path: Path,
-    *,
-    layout: str,
-    camera: Camera | None = None,
-    with_poses: bool = True,
-) -> RgbdFolder:
+def read_rgbd_folder(path: Path, *, layout: str, camera: Camera | None = None, part: Part = "all") -> Source:
     """Open an RGB-D folder.
 
     Args:
         path: the folder.
         layout: a key of LAYOUTS.
         camera: intrinsics to use instead of the folder's.
-        with_poses: False leaves the folder's poses unread. Every depth image is a frame then, also one whose
-            pose is lost: another file will bring the poses.
+        part: what is wanted of it. Without the folder's poses every depth image is a frame, also one whose pose
+            is lost: another file will bring the poses. Without its images its camera may be unknown.
 
     Raises:
         InputError: files are missing, counts differ, a matrix is no pose, or the camera is unknown.
@@ -92,7 +68,7 @@ def read_rgbd_folder(
     fits, read = LAYOUTS[layout]
     if not fits(path):
         raise InputError(path, f"is no {layout} folder", "leave the format to auto, to be told what it is")
-    return read(path, camera, with_poses)
+    return read(path, camera, part)
 
 
 # TUM RGB-D
@@ -103,15 +79,20 @@ def _is_tum(folder: Path) -> bool:
     return (folder / "depth").is_dir() and any((folder / name).is_file() for name in lists)
 
 
-def _read_tum(folder: Path, camera: Camera | None, with_poses: bool) -> RgbdFolder:
-    images, notes = find_tum_images(folder)
+def _read_tum(folder: Path, camera: Camera | None, part: Part) -> Source:
+    frames = trajectory = None
+    notes = []
     if camera is None:
+        camera = TUM_CAMERA
         notes.append(f"camera assumed: TUM's default {TUM_CAMERA}, lens distortion not undone; --camera overrides it")
-    frames = stream_images(folder, images, camera or TUM_CAMERA, TUM_METRES_PER_UNIT)
-    trajectory = None
-    if with_poses:
+    if part != "trajectory":
+        images, unused = find_tum_images(folder)
+        frames = stream_images(folder, images, camera, TUM_METRES_PER_UNIT)
+        notes += [*unused, *color_notes(images)]
+    if part != "map":
         trajectory = read_trajectory(folder / "groundtruth.txt", format="tum")
-    return RgbdFolder("TUM RGB-D folder", frames, trajectory, (*notes, *color_notes(images)))
+    notes += notes_of(trajectory)
+    return Source(str(folder), "TUM RGB-D folder", trajectory, frames=frames, camera=camera, notes=tuple(notes))
 
 
 # 3DMatch / 7-Scenes
@@ -127,16 +108,17 @@ def _sequences(folder: Path) -> list[Path]:
     return [path for path in candidates if next(path.glob("frame-*.depth.png"), None)]
 
 
-def _read_3dmatch(folder: Path, camera: Camera | None, with_poses: bool) -> RgbdFolder:
+def _read_3dmatch(folder: Path, camera: Camera | None, part: Part) -> Source:
     sequences = _sequences(folder)
     if len(sequences) > 1:
         names = ", ".join(path.name for path in sequences)
         raise InputError(folder, f"holds several sequences: {names}", f"give one of them, as {sequences[0]}")
     sequence = sequences[0]
     stems = [path.name.removesuffix(".depth.png") for path in sorted(sequence.glob("frame-*.depth.png"))]
-    camera = camera or _camera_beside(sequence, sequence / f"{stems[0]}.depth.png")
-    trajectory, notes = None, []
-    if with_poses:
+    first = sequence / f"{stems[0]}.depth.png"
+    camera, notes = _camera(camera, lambda: _camera_beside(sequence, first), part)
+    frames = trajectory = None
+    if part != "map":
         found = {stem: read_pose_matrix(sequence / f"{stem}.pose.txt") for stem in stems}
         T = {stem: pose for stem, pose in found.items() if pose is not None}
         lost = [stem for stem in stems if stem not in T]
@@ -144,12 +126,16 @@ def _read_3dmatch(folder: Path, camera: Camera | None, with_poses: bool) -> Rgbd
             raise InputError(sequence, f"the poses of all {len(lost)} frames are lost (NaN)")
         if lost:
             shown = ", ".join(lost[:5]) + (", ..." if len(lost) > 5 else "")
-            notes.append(f"{len(lost)} of {len(stems)} frames skipped because their pose is lost (NaN): {shown}")
+            notes += (f"{len(lost)} of {len(stems)} frames skipped because their pose is lost (NaN): {shown}",)
         trajectory = Trajectory(np.stack(list(T.values())), source=str(sequence))
         stems = list(T)
-    images = [ImageFiles(sequence / f"{stem}.depth.png", _existing(sequence / f"{stem}.color.png")) for stem in stems]
-    frames = stream_images(sequence, images, camera, METRES_PER_MILLIMETRE)
-    return RgbdFolder("3DMatch / 7-Scenes folder", frames, trajectory, (*notes, *color_notes(images)))
+    if part != "trajectory" and camera is not None:
+        images = [
+            ImageFiles(sequence / f"{stem}.depth.png", _existing(sequence / f"{stem}.color.png")) for stem in stems
+        ]
+        frames = stream_images(sequence, images, camera, METRES_PER_MILLIMETRE)
+        notes += color_notes(images)
+    return Source(str(folder), "3DMatch / 7-Scenes folder", trajectory, frames=frames, camera=camera, notes=notes)
 
 
 def _camera_beside(sequence: Path, first_image: Path) -> Camera:
@@ -159,6 +145,13 @@ def _camera_beside(sequence: Path, first_image: Path) -> Camera:
             height, width = read_depth_image(first_image, scale=METRES_PER_MILLIMETRE).shape
             return read_camera_matrix(folder / "camera-intrinsics.txt", width, height)
     raise InputError(sequence, "no camera-intrinsics.txt here or in the folder above", CAMERA_HINT)
+
+
+def _camera(given: Camera | None, read: Callable[[], Camera], part: Part) -> tuple[Camera | None, tuple[str, ...]]:
+    """The given camera, else the folder's; None, with a note, if that is unknown and no image is wanted."""
+    if given is not None or part != "trajectory":
+        return given or read(), ()
+    return camera_or_note(read)
 
 
 def _existing(path: Path) -> Path | None:
@@ -172,21 +165,24 @@ def _is_open3d(folder: Path) -> bool:
     return (folder / "depth").is_dir() and any((folder / name).is_file() for name in _POSE_READERS)
 
 
-def _read_open3d(folder: Path, camera: Camera | None, with_poses: bool) -> RgbdFolder:
-    color_folder = next((folder / name for name in _COLOR_FOLDERS if (folder / name).is_dir()), folder / "color")
-    colors = {path.stem: path for path in color_folder.glob("*.*")}
+def _read_open3d(folder: Path, camera: Camera | None, part: Part) -> Source:
     depths = [path for path in (folder / "depth").iterdir() if path.suffix in (".png", ".pgm")]
-    images = [ImageFiles(depth, colors.get(depth.stem)) for depth in sorted(depths, key=_numbers_in_name)]
-    frames = stream_images(folder, images, camera or read_json_camera(folder), METRES_PER_MILLIMETRE)
-    trajectory, notes = None, []
-    if with_poses:
+    camera, notes = _camera(camera, lambda: read_json_camera(folder), part)
+    frames = trajectory = None
+    if part != "trajectory" and camera is not None:
+        color_folder = next((folder / name for name in _COLOR_FOLDERS if (folder / name).is_dir()), folder / "color")
+        colors = {path.stem: path for path in color_folder.glob("*.*")}
+        images = [ImageFiles(depth, colors.get(depth.stem)) for depth in sorted(depths, key=_numbers_in_name)]
+        frames = stream_images(folder, images, camera, METRES_PER_MILLIMETRE)
+        notes += color_notes(images)
+    if part != "map":
         path = next(folder / name for name in _POSE_READERS if (folder / name).is_file())
         T = _POSE_READERS[path.name](path)
-        if len(T) != len(images):
-            raise InputError(path, f"{len(T)} poses, but {len(images)} images in depth/", "image i needs pose i")
+        if frames is not None and len(T) != len(depths):
+            raise InputError(path, f"{len(T)} poses, but {len(depths)} images in depth/", "image i needs pose i")
         trajectory = Trajectory(T, source=str(path))
-        notes.append(f"poses of {path.name}, paired with the depth images in the order of their names")
-    return RgbdFolder("Open3D / Redwood folder", frames, trajectory, (*notes, *color_notes(images)))
+        notes += (f"poses of {path.name}, paired with the depth images in the order of their names",)
+    return Source(str(folder), "Open3D / Redwood folder", trajectory, frames=frames, camera=camera, notes=notes)
 
 
 def _numbers_in_name(path: Path) -> list[tuple[int, str]]:
@@ -194,7 +190,7 @@ def _numbers_in_name(path: Path) -> list[tuple[int, str]]:
     return [(int(text), "") if text.isdigit() else (-1, text) for text in re.findall(r"\d+|\D+", path.stem)]
 
 
-_Reader = Callable[[Path, Camera | None, bool], RgbdFolder]
+_Reader = Callable[[Path, Camera | None, Part], Source]
 
 #: How each layout is recognised, and its reader.
 LAYOUTS: dict[str, tuple[Callable[[Path], bool], _Reader]] = {

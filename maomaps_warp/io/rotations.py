@@ -13,6 +13,10 @@ from maomaps_warp.errors import InputError
 #: 0.001, while wrong columns or a wrong order of columns are far off.
 QUATERNION_NORM_TOLERANCE = 0.01
 
+#: Largest entry of |R^T R - I| of a rotation matrix, dimensionless. Text of four decimals moves it by 2e-4,
+#: of six to nine digits by far less; a similarity's scale or wrong columns move it by more.
+ORTHONORMALITY_TOLERANCE = 1e-3
+
 #: (4, 4) float64. Optical-frame coordinates (x right, y down, z forward) to body-frame coordinates (x
 #: forward, y left, z up), the same origin.
 T_BODY_CAMERA: NDArray[np.float64] = np.array(
@@ -44,6 +48,32 @@ def checked_quaternions(xyzw: NDArray[np.float64], where_of: Callable[[int], str
         more = f"; {len(bad)} of {len(xyzw)} rows are so" if len(bad) > 1 else ""
         raise InputError(where_of(row), found + more, "remove such rows, or check the order of the columns")
     return np.asarray(xyzw / norms[:, None])
+
+
+def checked_rotations(matrices: NDArray[np.float64], where_of: Callable[[int], str]) -> NDArray[np.float64]:
+    """The rotations nearest to what a file holds: U V^T of the singular value decomposition U S V^T.
+
+    Args:
+        matrices: (N, 3, 3) float64, finite.
+        where_of: the place of matrix i, for the message.
+
+    Returns:
+        (N, 3, 3) float64, orthonormal, determinant 1.
+
+    Raises:
+        InputError: a matrix is mirrored, or |R^T R - I| exceeds ORTHONORMALITY_TOLERANCE.
+    """
+    defect = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2))
+    mirrored = np.linalg.det(matrices) < 0
+    bad = np.flatnonzero((defect > ORTHONORMALITY_TOLERANCE) | mirrored)
+    if len(bad):
+        row = int(bad[0])
+        found = "a mirrored matrix (determinant -1)" if mirrored[row] and defect[row] <= 0.1 else "no rotation matrix"
+        more = f"; {len(bad)} of {len(matrices)} rows are so" if len(bad) > 1 else ""
+        detail = f" (|R^T R - I| up to {defect[row]:.2g}, {ORTHONORMALITY_TOLERANCE:g} is allowed)"
+        raise InputError(where_of(row), found + detail + more, "poses are rigid and right-handed")
+    U, _, Vt = np.linalg.svd(matrices)
+    return np.asarray(U @ Vt)
 
 
 def matrices_from_quaternions(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.clouds import read_cloud
+from maomaps_warp.io.source import Part, PoseFrame, Source, notes_of
 from maomaps_warp.io.tables import data_rows, decode_text, parse_rows, read_bytes, read_table
-from maomaps_warp.io.trajectories import PoseFrame, are_byte_values, read_trajectory
+from maomaps_warp.io.trajectories import are_byte_values, read_trajectory
 from maomaps_warp.model.cloud import PointCloud
-from maomaps_warp.model.trajectory import Trajectory
 
 RUNS = ("first", "second")
 #: A map comes as text, whose order `gt_colors_*.txt` follows, or as PCD.
@@ -21,45 +21,20 @@ _MAP_NAMES = ("gt_points_{run}.txt", "gt_points_{run}.pcd")
 StartPose = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """One run of a sample directory.
-
-    Attributes:
-        cloud: the ground-truth map; None if it was not asked for.
-        trajectory: the ground-truth poses; None if they were not asked for.
-        start_pose: (x, y, z, yaw), metres and radians: where the run starts in the map's frame.
-        notes: what was left out, one short sentence each.
-    """
-
-    cloud: PointCloud | None
-    trajectory: Trajectory | None
-    start_pose: StartPose
-    notes: tuple[str, ...]
-
-
 def is_sample_directory(path: Path) -> bool:
     """Whether a folder holds the map or the poses of a run."""
     names = (*_MAP_NAMES, "gt_poses_{run}.txt")
     return any((path / name.format(run=run)).is_file() for run in RUNS for name in names)
 
 
-def read_sample(
-    path: Path,
-    run: str | None,
-    *,
-    pose_frame: PoseFrame = "auto",
-    with_map: bool = True,
-    with_poses: bool = True,
-) -> Sample:
+def read_sample(path: Path, run: str | None, *, pose_frame: PoseFrame = "auto", part: Part = "all") -> Source:
     """Read one run of a MAOMaps sample directory.
 
     Args:
         path: the directory.
         run: "first" or "second"; None is refused, for the two are different recordings.
         pose_frame: whose poses they are; "auto" is the body frame (x forward, y left, z up).
-        with_map: read the map; False also when its files may be missing.
-        with_poses: read the poses; False also when their files may be missing.
+        part: what is wanted of it.
 
     Raises:
         InputError: no run was named, files are missing, or one of them is damaged.
@@ -70,19 +45,26 @@ def read_sample(
     maps = [path / name.format(run=run) for name in _MAP_NAMES]
     poses, stamps = path / f"gt_poses_{run}.txt", path / f"gt_poses_{run}_timestamps.txt"
     start = path / f"start_pose_{run}.txt"
-    needed = [start, *((poses, stamps) if with_poses else ())]
+    needed = [start, *((poses, stamps) if part != "map" else ())]
     missing = [file.name for file in needed if not file.is_file()]
     existing_map = next((file for file in maps if file.is_file()), None)
-    if with_map and existing_map is None:
+    if part != "trajectory" and existing_map is None:
         missing.append(" or ".join(file.name for file in maps))
     if missing:
         raise InputError(path, f"missing: {', '.join(missing)}", "a MAOMaps sample directory needs them")
-    cloud: PointCloud | None = None
-    notes: tuple[str, ...] = ()
-    if with_map and existing_map is not None:
-        cloud, notes = _colored(read_cloud(existing_map), path / f"gt_colors_{run}.txt")
-    trajectory = read_trajectory(poses, format="maomaps", pose_frame=pose_frame) if with_poses else None
-    return Sample(cloud, trajectory, read_start_pose(start), notes)
+    cloud = trajectory = None
+    if part != "trajectory" and existing_map is not None:
+        cloud = _colored(read_cloud(existing_map), path / f"gt_colors_{run}.txt")
+    if part != "map":
+        trajectory = read_trajectory(poses, format="maomaps", pose_frame=pose_frame)
+    return Source(
+        str(path),
+        f"MAOMaps sample directory, run {run}",
+        trajectory,
+        cloud,
+        start_pose=read_start_pose(start),
+        notes=notes_of(cloud, trajectory),
+    )
 
 
 def read_start_pose(path: Path) -> StartPose:
@@ -101,16 +83,18 @@ def read_start_pose(path: Path) -> StartPose:
     return float(x), float(y), float(z), float(yaw)
 
 
-def _colored(cloud: PointCloud, path: Path) -> tuple[PointCloud, tuple[str, ...]]:
-    """The cloud with the colours of a file of `r g b` lines, one a point; and what stood against it."""
+def _colored(cloud: PointCloud, path: Path) -> PointCloud:
+    """The cloud with the colours of a file of `r g b` lines, one a point, or with a note on what stood against it."""
     if not path.is_file():
-        return cloud, () if cloud.colors is not None else (f"no {path.name}: the map has no colours",)
+        note = f"no {path.name}: the map has no colours"
+        return cloud if cloud.colors is not None else replace(cloud, notes=(note, *cloud.notes))
     if cloud.dropped_nonfinite:
-        return cloud, (f"{path.name} not used: points were dropped, colours no longer belong to points",)
+        note = f"{path.name} not used: points were dropped, colours no longer belong to points"
+        return replace(cloud, notes=(note, *cloud.notes))
     table = read_table(path, columns={3})
     if len(table) != len(cloud):
         found = f"holds {len(table)} colours, but {Path(cloud.source).name} holds {len(cloud)} points"
         raise InputError(path, found, "colour i belongs to point i; without this file the map has no colours")
     if not are_byte_values(table.values):
         raise InputError(path, "colours are not whole numbers in 0..255", "`r g b` lines are expected")
-    return replace(cloud, colors=table.values.astype(np.uint8)), ()
+    return replace(cloud, colors=table.values.astype(np.uint8))

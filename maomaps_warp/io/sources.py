@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags import recognise_bag
 from maomaps_warp.io.original_directory import is_original_directory
-from maomaps_warp.io.source_kinds import FORMATS, Side, Source, SourceOptions, open_part
+from maomaps_warp.io.source import Side, Source, SourceOptions
+from maomaps_warp.io.source_kinds import FORMATS, open_part
 from maomaps_warp.model.frame import FrameStream
 from maomaps_warp.model.trajectory import Trajectory
 
@@ -28,7 +29,6 @@ __all__ = [
 
 #: No options: everything is recognised.
 AS_IT_COMES = SourceOptions()
-
 
 #: Larger coordinates are no metres but damage: float64 steps are 0.1 mm here, and squares of far larger numbers
 #: overflow.
@@ -110,6 +110,7 @@ def _joined(map_part: Source, trajectory_part: Source) -> Source:
         trajectory=trajectory_part.trajectory,
         camera=map_part.camera or trajectory_part.camera,
         start_pose=map_part.start_pose or trajectory_part.start_pose,
+        one_clock=False,
         notes=tuple(dict.fromkeys((*map_part.notes, *trajectory_part.notes))),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,6 +99,33 @@ def read_table(path: Path, *, columns: set[int] | None = None, keep_first: bool 
         raise InputError(place(path, lines[0]), f"{_counted(values.shape[1])} a row", f"{allowed} are expected here")
     first = tuple(row.split(None, 1)[0] for row in rows) if keep_first else ()
     return Table(path, values, np.array(lines, np.int64), first, delimited)
+
+
+def check_finite(table: Table) -> None:
+    """Raise InputError, with the place, if a value is NaN or infinite."""
+    bad = np.flatnonzero(~np.isfinite(table.values).all(axis=1))
+    if len(bad):
+        found = "a value is NaN or infinite" + (f"; {len(bad)} rows are so" if len(bad) > 1 else "")
+        raise InputError(table.where(int(bad[0])), found, "remove such rows")
+
+
+def not_of_kind(path: Path, what: str, hint: str, meanings: Mapping[int, str] | None = None) -> InputError:
+    """The error that a file or folder is not `what` ("a trajectory"), but looks like something else.
+
+    Args:
+        path: a file that was not recognised, or a folder.
+        what: what was expected.
+        hint: what is allowed.
+        meanings: what a text with so many values a row usually is.
+    """
+    if path.is_dir():
+        return InputError(path, "is a folder", f"{what} file is expected here")
+    known = signature(read_bytes(path, HEAD_BYTES))
+    if known is not None:
+        return InputError(path, f"is {known}, not {what}", hint)
+    columns = read_table(path).values.shape[1]  # tells what is wrong with a text that is no table
+    meaning = f", as in {meanings[columns]}" if meanings and columns in meanings else ""
+    return InputError(path, f"not {what}: {_counted(columns)} a row{meaning}", hint)
 
 
 def read_bytes(path: Path, size: int = -1) -> bytes:

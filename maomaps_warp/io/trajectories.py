@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -13,7 +12,9 @@ from numpy.typing import NDArray
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
 from maomaps_warp.io.rotations import T_BODY_CAMERA, quaternions_from_matrices, rpy_from_matrices
-from maomaps_warp.io.tables import HEAD_BYTES, column_count, read_bytes, read_table, signature
+from maomaps_warp.io.source import PoseFrame
+from maomaps_warp.io.stamp_order import check_stamp_order, seconds_text
+from maomaps_warp.io.tables import HEAD_BYTES, column_count, not_of_kind, read_bytes, read_table
 from maomaps_warp.io.trajectory_formats import (
     COLUMN_MEANINGS,
     PoseRows,
@@ -25,15 +26,11 @@ from maomaps_warp.io.trajectory_formats import (
 )
 from maomaps_warp.model.trajectory import Trajectory
 
-KnownFormat = Literal["tum", "kitti", "euroc", "maomaps"]
-TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "maomaps"]
-PoseFrame = Literal["auto", "optical", "body"]
+TrajectoryFormat = Literal["tum", "kitti", "euroc", "maomaps"]
+#: The formats as people write them.
+TRAJECTORY_NAMES = {"tum": "TUM", "kitti": "KITTI", "euroc": "EuRoC", "maomaps": "MAOMaps"}
 
-#: Real recordings repeat a stamp now and then, with two poses a millimetre apart (once in 20957 poses of TUM's
-#: fr2_desk, 4 times in 807 of an EuRoC run). More than this share of repeated stamps means wrong stamps.
-MAX_REPEATED_SHARE = 0.01
-
-_READERS: dict[KnownFormat, Callable[[Path], PoseRows]] = {
+_READERS: dict[TrajectoryFormat, Callable[[Path], PoseRows]] = {
     "tum": read_tum_rows,
     "kitti": read_kitti_rows,
     "euroc": read_euroc_rows,
@@ -48,7 +45,7 @@ _FORMATS_HINT = (
 def read_trajectory(
     path: Path,
     *,
-    format: TrajectoryFormat = "auto",
+    format: TrajectoryFormat | Literal["auto"] = "auto",
     pose_frame: PoseFrame = "auto",
 ) -> Trajectory:
     """Reads camera poses from a text file.
@@ -68,21 +65,24 @@ def read_trajectory(
             the format's unit; a rotation is none.
     """
     path = Path(path)
-    if format not in get_args(TrajectoryFormat):
-        raise ValueError(f"format must be one of {get_args(TrajectoryFormat)}, got {format!r}")
+    if format not in ("auto", *_READERS):
+        raise ValueError(f"format must be auto or one of {', '.join(_READERS)}, got {format!r}")
     if pose_frame not in get_args(PoseFrame):
         raise ValueError(f"pose_frame must be one of {get_args(PoseFrame)}, got {pose_frame!r}")
     known = recognise_trajectory(path) if format == "auto" else format
     if known is None:
-        raise _not_a_trajectory(path)
-    rows = _in_order(_READERS[known](path))
+        raise not_of_kind(path, "a trajectory", _FORMATS_HINT, COLUMN_MEANINGS)
+    rows = _READERS[known](path)
+    T, stamps_ns, notes = rows.T, rows.stamps_ns, rows.notes
+    if stamps_ns is not None:
+        keep, more = check_stamp_order(stamps_ns, T, rows.where_stamp)
+        T, stamps_ns, notes = T[keep], stamps_ns[keep], (*notes, *more)
     is_body = known == "maomaps" if pose_frame == "auto" else pose_frame == "body"
-    T = rows.T @ T_BODY_CAMERA if is_body else rows.T
     frame = "body" if is_body else "optical"
-    return Trajectory(T, rows.stamps_ns, str(path), pose_frame=frame, notes=rows.notes)
+    return Trajectory(T @ T_BODY_CAMERA if is_body else T, stamps_ns, str(path), pose_frame=frame, notes=notes)
 
 
-def recognise_trajectory(path: Path) -> KnownFormat | None:
+def recognise_trajectory(path: Path) -> TrajectoryFormat | None:
     """The format of a trajectory file by its content, or None if it is no trajectory (or a folder).
 
     Six values a row are MAOMaps poses or points with colours: poses if a file of stamps stands beside them,
@@ -122,7 +122,7 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
         for stamp, position, xyzw in zip(
             trajectory.stamps_ns.tolist(), trajectory.positions.tolist(), quaternions.tolist(), strict=True
         ):
-            file.write(f"{_seconds_text(stamp)} {' '.join(map(repr, position + xyzw))}\n")
+            file.write(f"{seconds_text(stamp)} {' '.join(map(repr, position + xyzw))}\n")
 
 
 def write_maomaps_poses(path: Path, trajectory: Trajectory) -> None:
@@ -141,38 +141,7 @@ def write_maomaps_poses(path: Path, trajectory: Trajectory) -> None:
         file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
     if trajectory.stamps_ns is not None:
         with write_whole(stamps_path, "w") as file:
-            file.writelines(f"{_seconds_text(stamp)}\n" for stamp in trajectory.stamps_ns.tolist())
-
-
-def _seconds_text(stamp_ns: int) -> str:
-    seconds, rest = divmod(abs(stamp_ns), 10**9)
-    return f"{'-' if stamp_ns < 0 else ''}{seconds}.{rest:09d}"
-
-
-def _in_order(rows: PoseRows) -> PoseRows:
-    """The rows, if their stamps ascend; a few repeated stamps are kept and noted, as evo keeps them."""
-    if rows.stamps_ns is None:
-        return rows
-    steps = np.diff(rows.stamps_ns)
-    if (steps < 0).any():
-        raise _stamp_error(rows, steps < 0, "comes after a later one", "sort the rows by their stamps")
-    repeated = int((steps == 0).sum())
-    if repeated > MAX_REPEATED_SHARE * len(rows.stamps_ns):
-        raise _stamp_error(rows, steps == 0, "stands twice", "keep one pose a stamp")
-    if not repeated:
-        return rows
-    first = rows.where_stamp(int(np.flatnonzero(steps == 0)[0]) + 1)
-    note = f"{repeated} of {len(rows.stamps_ns)} poses have the stamp of the pose before; all kept (first: {first})"
-    return replace(rows, notes=(*rows.notes, note))
-
-
-def _stamp_error(rows: PoseRows, is_bad: NDArray[np.bool_], found: str, hint: str) -> InputError:
-    """An error about the rows i + 1 where is_bad[i]."""
-    assert rows.stamps_ns is not None
-    row = int(np.flatnonzero(is_bad)[0]) + 1
-    more = f"; {int(is_bad.sum())} rows are so" if is_bad.sum() > 1 else ""
-    stamp = _seconds_text(int(rows.stamps_ns[row]))
-    return InputError(rows.where_stamp(row), f"stamp {stamp} s {found}{more}", hint)
+            file.writelines(f"{seconds_text(stamp)}\n" for stamp in trajectory.stamps_ns.tolist())
 
 
 def _is_coloured_cloud(path: Path) -> bool:
@@ -185,16 +154,3 @@ def _is_coloured_cloud(path: Path) -> bool:
 def are_byte_values(values: NDArray[np.float64]) -> bool:
     """Whether all are whole numbers in 0..255."""
     return bool(((values >= 0) & (values <= 255) & (values == np.rint(values))).all())
-
-
-def _not_a_trajectory(path: Path) -> InputError:
-    if path.is_dir():
-        return InputError(path, "is a folder", "a trajectory file is expected here")
-    known = signature(read_bytes(path, HEAD_BYTES))
-    if known is not None:
-        return InputError(path, f"is {known}, not a trajectory", _FORMATS_HINT)
-    table = read_table(path)  # tells what is wrong with a text that is no table
-    columns = table.values.shape[1]
-    meaning = f", as in {COLUMN_MEANINGS[columns]}" if columns in COLUMN_MEANINGS else ""
-    found = f"not a trajectory: {columns} value{'s' if columns > 1 else ''} a row{meaning}"
-    return InputError(path, found, _FORMATS_HINT)

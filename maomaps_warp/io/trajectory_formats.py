@@ -11,8 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.rotations import checked_quaternions, matrices_from_quaternions, matrices_from_rpy, poses
-from maomaps_warp.io.tables import Table, read_table
+from maomaps_warp.io.rotations import (
+    checked_quaternions,
+    checked_rotations,
+    matrices_from_quaternions,
+    matrices_from_rpy,
+    poses,
+)
+from maomaps_warp.io.tables import Table, check_finite, read_table
 
 #: No clock counts so many seconds (3170 years): such a number counts milliseconds, microseconds or
 #: nanoseconds.
@@ -21,9 +27,6 @@ LARGEST_SECONDS = 1e11
 LARGEST_STEP_S = 1e6
 #: Poses do not follow one another within a microsecond: steps of fewer "nanoseconds" count a larger unit.
 SMALLEST_STEP_NS = 1e3
-#: Largest entry of |R^T R - I| of a KITTI rotation, dimensionless. Text of four decimals moves it by 2e-4,
-#: of six to nine digits by far less; a similarity's scale or wrong columns move it by more.
-ORTHONORMALITY_TOLERANCE = 1e-3
 
 #: What a number of values a row stands for, for messages.
 COLUMN_MEANINGS = {
@@ -73,7 +76,7 @@ def read_kitti_rows(path: Path) -> PoseRows:
     """Reads 3x4 matrices, row by row; stamps stand in `<stem>_times.txt`, or in `times.txt` if as long."""
     table = _pose_table(path, lambda count: count == 12, "KITTI has 12: a 3x4 matrix, row by row")
     matrices = table.values.reshape(-1, 3, 4)
-    T = poses(matrices[:, :, 3], _nearest_rotations(matrices[:, :, :3], table))
+    T = poses(matrices[:, :, 3], checked_rotations(matrices[:, :, :3], table.where))
     own, common = path.with_name(f"{path.stem}_times.txt"), path.with_name("times.txt")
     if own.exists():
         return _with_stamps(T, own, table)
@@ -88,12 +91,17 @@ def read_kitti_rows(path: Path) -> PoseRows:
 
 def read_maomaps_rows(path: Path) -> PoseRows:
     """Reads `x y z roll pitch yaw`, radians; stamps stand in `<stem>_timestamps.txt`."""
-    table = _pose_table(path, lambda count: count == 6, "MAOMaps has 6: x y z roll pitch yaw")
-    T = poses(table.values[:, :3], matrices_from_rpy(*table.values[:, 3:6].T))
+    T, table = read_maomaps_poses(path)
     stamps = timestamps_beside(path)
     if stamps.exists():
         return _with_stamps(T, stamps, table)
     return PoseRows(T, None, table.where, (f"no stamps: there is no {stamps.name}",))
+
+
+def read_maomaps_poses(path: Path) -> tuple[NDArray[np.float64], Table]:
+    """Reads `x y z roll pitch yaw`, radians, without stamps: (N, 4, 4) float64, metres, and the table."""
+    table = _pose_table(path, lambda count: count == 6, "MAOMaps has 6: x y z roll pitch yaw")
+    return poses(table.values[:, :3], matrices_from_rpy(*table.values[:, 3:6].T)), table
 
 
 def timestamps_beside(path: Path) -> Path:
@@ -104,7 +112,7 @@ def timestamps_beside(path: Path) -> Path:
 def ns_of_seconds(table: Table) -> NDArray[np.int64]:
     """Stamps, (N,) int64 nanoseconds, of a first column in decimal seconds: exact, no float in between."""
     seconds = table.values[:, 0]
-    _check_finite(table, seconds[:, None])
+    check_finite(table)
     large = np.flatnonzero(np.abs(seconds) >= LARGEST_SECONDS)
     if len(large):
         row = int(large[0])
@@ -119,7 +127,6 @@ def ns_of_seconds(table: Table) -> NDArray[np.int64]:
 
 
 def _ns_of_nanoseconds(table: Table) -> NDArray[np.int64]:
-    _check_finite(table, table.values[:, :1])
     hint = "EuRoC stamps are whole nanoseconds; multiply by 1e9, or if it is TUM's order name the format tum"
     exact = [Decimal(text) for text in table.first]
     for row, stamp in enumerate(exact):
@@ -152,15 +159,8 @@ def _pose_table(path: Path, fits: Callable[[int], bool], hint: str, *, keep_firs
     if not fits(count):
         meaning = f", as in {COLUMN_MEANINGS[count]}" if count in COLUMN_MEANINGS else ""
         raise InputError(table.where(0), f"{count} values a row{meaning}", hint)
-    _check_finite(table, table.values)
+    check_finite(table)
     return table
-
-
-def _check_finite(table: Table, values: NDArray[np.float64]) -> None:
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if len(bad):
-        found = "a value is NaN or infinite" + (f"; {len(bad)} rows are so" if len(bad) > 1 else "")
-        raise InputError(table.where(int(bad[0])), found, "remove such rows")
 
 
 def _with_stamps(T: NDArray[np.float64], stamps: Path, table: Table) -> PoseRows:
@@ -169,18 +169,3 @@ def _with_stamps(T: NDArray[np.float64], stamps: Path, table: Table) -> PoseRows
         found = f"holds {len(times)} stamps, but {table.path.name} holds {len(table)} poses"
         raise InputError(stamps, found, "one stamp a pose is needed; without this file poses pair by index")
     return PoseRows(T, ns_of_seconds(times), times.where)
-
-
-def _nearest_rotations(matrices: NDArray[np.float64], table: Table) -> NDArray[np.float64]:
-    """The rotations nearest to `matrices`, (N, 3, 3): U V^T of the singular value decomposition U S V^T."""
-    defect = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2))
-    mirrored = np.linalg.det(matrices) < 0
-    bad = np.flatnonzero((defect > ORTHONORMALITY_TOLERANCE) | mirrored)
-    if len(bad):
-        row = int(bad[0])
-        found = "a mirrored matrix (determinant -1)" if mirrored[row] and defect[row] <= 0.1 else "no rotation matrix"
-        more = f"; {len(bad)} of {len(table)} rows are so" if len(bad) > 1 else ""
-        detail = f" (|R^T R - I| up to {defect[row]:.2g}, {ORTHONORMALITY_TOLERANCE:g} is allowed)"
-        raise InputError(table.where(row), found + detail + more, "a row is a rigid 3x4 matrix, row by row")
-    U, _, Vt = np.linalg.svd(matrices)
-    return np.asarray(U @ Vt)

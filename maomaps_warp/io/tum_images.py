@@ -10,10 +10,8 @@ import numpy as np
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.image_streams import ImageFiles
+from maomaps_warp.io.images import MAX_COLOR_GAP_NS
 from maomaps_warp.io.tables import data_rows, decode_text, place, read_bytes
-
-#: Farthest colour image that still belongs to a depth image, nanoseconds (the default of TUM's associate.py).
-MAX_COLOR_GAP_NS = 20_000_000
 
 
 def find_tum_images(folder: Path) -> tuple[list[ImageFiles], list[str]]:

@@ -17,6 +17,8 @@ class PairedPoses:
         stamps_ns: (P,) int64; None if they were paired by index.
         est_poses: poses of the estimate in all.
         unmatched: how many of them have no partner.
+        method: "interpolate", "nearest" or "index".
+        largest_gap_s: of the gaps that `max_stamp_gap` limits, seconds; 0 by index.
     """
 
     T_world_camera_est: NDArray[np.float64]
@@ -24,6 +26,8 @@ class PairedPoses:
     stamps_ns: NDArray[np.int64] | None
     est_poses: int
     unmatched: int
+    method: str
+    largest_gap_s: float
 
     def __len__(self) -> int:
         return len(self.T_world_camera_est)

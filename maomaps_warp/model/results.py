@@ -136,6 +136,8 @@ class Score:
     Attributes:
         protocol: the effective protocol.
         camera: the camera used for visibility, and where it came from; empty if none was needed.
+        pairing: how poses were paired ("interpolate", "nearest" or "index") and the largest gap, seconds; None
+            without pairs.
         alignment: the transform of the estimate; None if it could not be found for want of paired poses.
         ate, rpe, ame_nn, ame_ray: the metrics, or why there is none.
         gt, est: the inputs.
@@ -146,6 +148,7 @@ class Score:
 
     protocol: Protocol
     camera: str
+    pairing: tuple[str, float] | None
     alignment: Alignment | None
     ate: TrajectoryScore | NoValue
     rpe: TrajectoryScore | NoValue

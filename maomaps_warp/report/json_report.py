@@ -39,6 +39,7 @@ def score_document(score: Score) -> dict[str, Any]:
             "ame_nn": _nearest(score.ame_nn, headline),
             "ame_ray": _ray(score.ame_ray, headline),
         },
+        "pairing": _pairing(score.pairing),
         "alignment": _alignment(score.alignment),
         "protocol": score.protocol.effective(),
         "protocol_changes": sorted(changes_of(score.protocol)),
@@ -60,6 +61,10 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             found[package] = "source"
     return found
+
+
+def _pairing(pairing: tuple[str, float] | None) -> dict[str, Any] | None:
+    return None if pairing is None else {"method": pairing[0], "largest_gap_s": pairing[1]}
 
 
 def _alignment(alignment: Alignment | None) -> dict[str, Any] | None:
@@ -97,10 +102,13 @@ def _ate(metric: TrajectoryScore | NoValue) -> dict[str, Any]:
 def _rpe(metric: TrajectoryScore | NoValue) -> dict[str, Any]:
     if isinstance(metric, NoValue):
         return _no_value(metric)
-    steps = {
+    steps: dict[str, Any] = {
         unit: {"translation_m": e.translation.as_dict(), "rotation_rad": e.rotation.as_dict()}
         for unit, e in metric.errors.items()
     }
+    for unit in ("frames", "metres", "seconds"):
+        if unit not in steps:
+            steps[unit] = {"value": None, "reason": "no pair of poses is so far apart, or there are no stamps"}
     frames = metric.errors["frames"]
     return {
         "value": frames.translation.rmse,

@@ -15,12 +15,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _STATISTICS = ("rmse", "mean", "median", "std", "p90", "p95", "max")
-_UNIT_OF_STEP = {"frames": "frame", "metres": "m", "seconds": "s"}
+_UNIT_OF_STEP = {"frames": "frame(s)", "metres": "m", "seconds": "s"}
 
 
 def score_tables(score: Score) -> Iterable[RenderableType]:
     """What was scored, the headline of each metric with its support, every statistic, and every count."""
-    changes = "".join(f", {name} = {value}" for name, value in changes_of(score.protocol).items())
+    shown = {name: value for name, value in changes_of(score.protocol).items() if name != "align"}
+    changes = "".join(f", {name} = {value}" for name, value in shown.items())
     yield f"protocol      {score.protocol.name}{changes}; align {_alignment(score)}; device {score.device}"
     yield _input("ground truth", score.gt)
     yield _input("estimate", score.est)
@@ -91,21 +92,22 @@ def _headlines(score: Score) -> Table:
     ate, rpe, nearest, ray = score.ate, score.rpe, score.ame_nn, score.ame_ray
     dropped = int(score.est.facts.get("dropped_nonfinite", 0))
     if isinstance(ate, NoValue):
-        table.add_row("ATE", "-", "m", ate.reason)
+        table.add_row("ATE", "-", "m", _brief(ate.reason))
     else:
-        support = f"{ate.counts['matched']} of {ate.counts['poses']} poses"
+        paired = "by index" if score.pairing and score.pairing[0] == "index" else f"paired by {score.protocol.match}"
+        support = f"{ate.counts['matched']} of {ate.counts['poses']} poses, {paired}"
         table.add_row("ATE rmse", f"{ate.errors['absolute'].translation.rmse:.4f}", "m", support)
     if isinstance(rpe, NoValue):
-        table.add_row("RPE", "-", "m", rpe.reason)
+        table.add_row("RPE", "-", "m", _brief(rpe.reason))
     else:
         table.add_row(
-            f"RPE rmse, {score.protocol.rpe_frames} frame",
+            f"RPE rmse, over {score.protocol.rpe_frames} frame(s)",
             f"{rpe.errors['frames'].translation.rmse:.4f}",
             "m",
             f"{rpe.counts['pairs_frames']} pairs of poses",
         )
     if isinstance(nearest, NoValue):
-        table.add_row("AME, nearest neighbour", "-", "m", nearest.reason)
+        table.add_row("AME, nearest neighbour", "-", "m", _brief(nearest.reason))
     else:
         table.add_row(
             f"AME {headline}, nearest neighbour",
@@ -114,7 +116,7 @@ def _headlines(score: Score) -> Table:
             f"{nearest.counts['est_points']} of {nearest.counts['est_points'] + dropped} map points",
         )
     if isinstance(ray, NoValue):
-        table.add_row("AME, camera rays", "-", "m", ray.reason)
+        table.add_row("AME, camera rays", "-", "m", _brief(ray.reason))
     else:
         table.add_row(
             f"AME {headline}, camera rays",
@@ -123,6 +125,11 @@ def _headlines(score: Score) -> Table:
             f"{ray.counts['associated']} of {ray.counts['total']} map elements",
         )
     return table
+
+
+def _brief(reason: str) -> str:
+    """The beginning of a reason; the whole of it stands on stderr and in the JSON."""
+    return reason if len(reason) <= 80 else reason[:80].rsplit(" ", 1)[0] + " ..."
 
 
 def _all_statistics(score: Score) -> Table:

@@ -63,5 +63,7 @@ def pair_and_align(
         stamps_ns,
         len(est),
         matches.unmatched,
+        matches.method,
+        float(matches.gaps_ns.max()) * 1e-9,
     )
     return pairs, alignment

@@ -26,6 +26,7 @@ __all__ = [
     "interpolate_poses",
     "match_stamps",
     "poses_at",
+    "shifted",
 ]
 
 
@@ -88,7 +89,7 @@ def match_stamps(
             raise NoScoreError(f"{trajectory.source}: the trajectory has no poses")
     if gt.stamps_ns is None or est.stamps_ns is None:
         return _match_by_index(gt, est, t_offset_s)
-    stamps = _shifted(est.stamps_ns, t_offset_s)
+    stamps = shifted(est.stamps_ns, t_offset_s)
     match = _interpolate if method == "interpolate" else _nearest
     matches = match(gt.T_world_camera, gt.stamps_ns, stamps, _max_gap_ns(max_gap_s))
     if not len(matches):
@@ -113,7 +114,7 @@ def diagnose_stamps(
         raise ValueError("diagnose_stamps needs two trajectories with poses and stamps")
     return diagnose_shifted_stamps(
         gt.stamps_ns,
-        _shifted(est.stamps_ns, t_offset_s),
+        shifted(est.stamps_ns, t_offset_s),
         method=method,
         max_gap_ns=_max_gap_ns(max_gap_s),
         offset_ns=_to_ns(t_offset_s),
@@ -204,7 +205,12 @@ def _nearest(
     return StampMatches(est_index, T_gt[gt_index], gt_index, gaps[kept], unmatched, "nearest")
 
 
-def _shifted(stamps: NDArray[np.int64], t_offset_s: float) -> NDArray[np.int64]:
+def shifted(stamps: NDArray[np.int64], t_offset_s: float) -> NDArray[np.int64]:
+    """Stamps, (N,) int64 nanoseconds, N >= 1, with an offset in seconds added.
+
+    Raises:
+        InputError: an offset that is no usable number.
+    """
     if not math.isfinite(t_offset_s):
         raise InputError("--t-offset", f"{t_offset_s} is not a finite number of seconds")
     offset, limits = _to_ns(t_offset_s), np.iinfo(np.int64)

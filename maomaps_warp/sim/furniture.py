@@ -45,11 +45,9 @@ def chair(color: Color) -> list[Solid]:
     return [*table(0.45, 0.45, 0.45, color), *back, *posts]
 
 
-def shelf(
-    width: float, height: float, boards: int, color: Color, rng: np.random.Generator, depth: float = 0.3
-) -> list[Solid]:
-    """An open shelf; each board but the highest carries a row of books."""
-    x, edge = width / 2, 0.025
+def shelf(width: float, height: float, boards: int, color: Color, rng: np.random.Generator) -> list[Solid]:
+    """An open shelf, 0.3 m deep; each board but the highest carries a row of books."""
+    x, edge, depth = width / 2, 0.025, 0.3
     solids = [
         box((-x, -depth, 0), (-x + edge, 0, height), color),
         box((x - edge, -depth, 0), (x, 0, height), color),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.io.rotations import quaternions_from_matrices
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import FrameStream
 from maomaps_warp.model.trajectory import Trajectory
@@ -114,8 +115,10 @@ def _frame_messages(stream: FrameStream, make: _MessageMaker) -> Iterator[_Messa
 
 def _pose_messages(trajectory: Trajectory, make: _MessageMaker) -> Iterator[_Message]:
     assert trajectory.stamps_ns is not None
-    for index, (stamp, pose) in enumerate(zip(trajectory.stamps_ns, trajectory.T_world_camera, strict=True)):
-        yield int(stamp), POSE_TOPIC, make.pose(make.header(index, int(stamp), WORLD_FRAME), pose)
+    quaternions = quaternions_from_matrices(trajectory.T_world_camera[:, :3, :3]).tolist()
+    poses = zip(trajectory.stamps_ns.tolist(), trajectory.positions.tolist(), quaternions, strict=True)
+    for index, (stamp, position, xyzw) in enumerate(poses):
+        yield stamp, POSE_TOPIC, make.pose(make.header(index, stamp, WORLD_FRAME), position, xyzw)
 
 
 @dataclass(frozen=True)
@@ -163,12 +166,9 @@ class _MessageMaker:
             **named,
         )
 
-    def pose(self, header: Any, T_world_camera: NDArray[np.float64]) -> Any:
-        from scipy.spatial.transform import Rotation
-
-        quaternion_xyzw = Rotation.from_matrix(T_world_camera[:3, :3]).as_quat().tolist()
+    def pose(self, header: Any, position: list[float], xyzw: list[float]) -> Any:
         pose = self.types["geometry_msgs/msg/Pose"](
-            position=self.types["geometry_msgs/msg/Point"](*T_world_camera[:3, 3].tolist()),
-            orientation=self.types["geometry_msgs/msg/Quaternion"](*quaternion_xyzw),
+            position=self.types["geometry_msgs/msg/Point"](*position),
+            orientation=self.types["geometry_msgs/msg/Quaternion"](*xyzw),
         )
         return self.types[_POSE](header=header, pose=pose)

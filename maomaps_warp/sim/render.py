@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from maomaps_warp.io.rotations import quaternions_from_matrices
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
@@ -39,13 +37,15 @@ def render_frames(
     )
     face_colors = wp.array(scene.face_colors, dtype=wp.vec3ub, device=device)
     stamps = trajectory.stamps_ns
+    quaternions = quaternions_from_matrices(trajectory.T_world_camera[:, :3, :3]).tolist()
+    poses = list(zip(trajectory.positions.tolist(), quaternions, strict=True))
 
     def read(with_colors: bool) -> Iterator[Frame]:
-        for index, pose in enumerate(trajectory.T_world_camera):
+        for index, (position, xyzw) in enumerate(poses):
             depth, colors = render_mesh(
                 mesh,
                 face_colors if with_colors else None,
-                wp.transformf(*_position_and_quaternion(pose)),
+                wp.transformf(position, xyzw),
                 camera.width,
                 camera.height,
                 camera.fx,
@@ -75,9 +75,3 @@ def in_memory(stream: FrameStream) -> FrameStream:
         return iter(frames if with_colors else [replace(frame, colors=None) for frame in frames])
 
     return FrameStream(stream.camera, len(frames), read, stream.source)
-
-
-def _position_and_quaternion(pose: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-    from scipy.spatial.transform import Rotation
-
-    return pose[:3, 3].tolist(), Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from maomaps_warp.io.bag_sources import BagSource, Channel
+from maomaps_warp.io.bags.storage import BagStorage, Channel
 
 #: First and last eight bytes of every complete MCAP file.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True, eq=False)
-class McapSource:
+class McapStorage:
     """An open MCAP file.
 
     Attributes:
@@ -57,7 +57,7 @@ class McapSource:
         )
 
 
-def open_mcap_file(path: Path, stack: ExitStack) -> BagSource:
+def open_mcap_file(path: Path, stack: ExitStack) -> BagStorage:
     """Open a lone MCAP file; `stack` closes it."""
     from mcap.exceptions import McapError
     from mcap.reader import SeekingReader
@@ -69,12 +69,12 @@ def open_mcap_file(path: Path, stack: ExitStack) -> BagSource:
     stream.seek(0)
     summary = SeekingReader(stream).get_summary()
     if summary is None or not _is_complete(summary):
-        return McapSource(stream, _scan(stream), indexed=False)
+        return McapStorage(stream, _scan(stream), indexed=False)
     counts = summary.statistics.channel_message_counts
     channels = tuple(
         _channel(x, summary.schemas.get(x.schema_id), counts.get(x.id, 0)) for x in summary.channels.values()
     )
-    return McapSource(stream, channels, indexed=True)
+    return McapStorage(stream, channels, indexed=True)
 
 
 def _is_complete(summary: Any) -> bool:

@@ -33,7 +33,7 @@ class Channel:
     definition: str = ""
 
 
-class BagSource(Protocol):
+class BagStorage(Protocol):
     """An open bag."""
 
     @property
@@ -45,7 +45,7 @@ class BagSource(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class RosbagsSource:
+class RosbagsStorage:
     """A bag opened by one of rosbags' readers."""
 
     reader: Any
@@ -61,12 +61,12 @@ class RosbagsSource:
             yield by_id[connection.id], log_ns, data
 
 
-def open_ros1_bag(path: Path, stack: ExitStack) -> BagSource:
+def open_ros1_bag(path: Path, stack: ExitStack) -> BagStorage:
     """Open a ROS 1 bag of version 2.0; `stack` closes it."""
     from rosbags.rosbag1 import Reader
 
     reader = stack.enter_context(Reader(path))
-    return RosbagsSource(
+    return RosbagsStorage(
         reader,
         tuple(
             Channel(x.id, x.topic, x.msgtype, x.msgcount, "ros1", x.digest, x.msgdef.data) for x in reader.connections
@@ -74,16 +74,16 @@ def open_ros1_bag(path: Path, stack: ExitStack) -> BagSource:
     )
 
 
-def open_ros2_folder(path: Path, stack: ExitStack) -> BagSource:
+def open_ros2_folder(path: Path, stack: ExitStack) -> BagStorage:
     """Open a ROS 2 bag folder, whatever its storage; `stack` closes it."""
     from rosbags.rosbag2 import Reader
 
     for file in path.glob("*.db3"):
         _check_whole(file)
-    return _ros2_source(stack.enter_context(Reader(path)))
+    return _ros2_storage(stack.enter_context(Reader(path)))
 
 
-def open_sqlite_file(path: Path, stack: ExitStack) -> BagSource:
+def open_sqlite_file(path: Path, stack: ExitStack) -> BagStorage:
     """Open a ROS 2 storage file without its folder's metadata; `stack` closes it."""
     # rosbags' unified reader goes by the file's suffix; the storage reader beneath it does not.
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
@@ -92,13 +92,13 @@ def open_sqlite_file(path: Path, stack: ExitStack) -> BagSource:
     reader = Sqlite3Reader(path)
     reader.open()
     stack.callback(reader.close)
-    return _ros2_source(reader)
+    return _ros2_storage(reader)
 
 
-def _ros2_source(reader: Any) -> RosbagsSource:
+def _ros2_storage(reader: Any) -> RosbagsStorage:
     from rosbags.interfaces import MessageDefinitionFormat
 
-    return RosbagsSource(
+    return RosbagsStorage(
         reader,
         tuple(
             Channel(

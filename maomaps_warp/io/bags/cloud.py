@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bag_reading import open_bag
-from maomaps_warp.io.bag_topics import contents_of
+from maomaps_warp.io.bags.topics import BagContents
 from maomaps_warp.model.cloud import PointCloud
 
 #: sensor_msgs/PointField datatype -> NumPy type.
@@ -19,14 +16,10 @@ _DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: 
 _USED_FIELDS = ("x", "y", "z", "rgb", "rgba", "r", "g", "b")
 
 
-def read_bag_cloud(path: Path, *, topics: Sequence[str] = ()) -> PointCloud:
-    """Read the last sensor_msgs/PointCloud2 of a topic.
+def read_bag_cloud(contents: BagContents) -> PointCloud:
+    """Read the last sensor_msgs/PointCloud2 of the named topic, or else of the only one with clouds.
 
     SLAM programs publish the growing map again and again; its last state is the map.
-
-    Args:
-        path: the bag, of any kind.
-        topics: names that the user gave; one of them, or else the only candidate of the bag, is read.
 
     Returns:
         Points with their colours, if the cloud has rgb, rgba or r, g, b; points that are not finite are
@@ -35,10 +28,9 @@ def read_bag_cloud(path: Path, *, topics: Sequence[str] = ()) -> PointCloud:
     Raises:
         InputError: no or several candidates (lists them), a damaged cloud, or one without a finite point.
     """
-    with open_bag(path) as bag:
-        topic = contents_of(bag).choose("clouds", topics)
-        message = bag.last_message(topic)
-    where = f"{path}, topic {topic.name}"
+    topic = contents.choose("clouds")
+    message = contents.bag.last_message(topic)
+    where = f"{contents.path}, topic {topic.name}"
     points, colors, notes = cloud_of(message, where)
     finite = np.isfinite(points).all(axis=1)
     if not finite.any():

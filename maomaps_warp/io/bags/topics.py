@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bag_messages import COMPRESSED_IMAGE, IMAGE, image_encoding, image_role
-from maomaps_warp.io.bag_reading import Bag, Topic, open_bag
+from maomaps_warp.io.bags.messages import COMPRESSED_IMAGE, IMAGE, image_encoding, image_role
+from maomaps_warp.io.bags.reading import Bag, Topic, open_bag
 
 POSE_TYPES = (
     "nav_msgs/msg/Path",
@@ -32,12 +33,13 @@ _ROLE_WORDS: dict[Role, str] = {
 _TOPIC_OPTION = "--gt-topic/--est-topic NAME"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BagContents:
-    """The topics of a bag by what they can serve as. Topics without messages are among the others.
+    """The topics of an open bag by what they can serve as. Topics without messages are among the others.
 
     Attributes:
-        path: the bag.
+        bag: the bag.
+        wanted: names that the user gave, in any role; each is in the bag and of use.
         poses: trajectories.
         clouds: maps.
         depths, colors: images, told apart by the encoding that their first message states.
@@ -45,7 +47,8 @@ class BagContents:
         others: everything else.
     """
 
-    path: Path
+    bag: Bag
+    wanted: tuple[str, ...] = ()
     poses: tuple[Topic, ...] = ()
     clouds: tuple[Topic, ...] = ()
     depths: tuple[Topic, ...] = ()
@@ -53,10 +56,10 @@ class BagContents:
     camera_infos: tuple[Topic, ...] = ()
     others: tuple[Topic, ...] = ()
 
-    def of(self, role: Role) -> tuple[Topic, ...]:
-        """The topics of one role."""
-        topics: tuple[Topic, ...] = getattr(self, role)
-        return topics
+    @property
+    def path(self) -> Path:
+        """Where the bag lies."""
+        return self.bag.path
 
     @property
     def all(self) -> tuple[Topic, ...]:
@@ -64,22 +67,18 @@ class BagContents:
         usable = self.poses + self.clouds + self.depths + self.colors + self.camera_infos
         return usable + self.others
 
-    def named(self, role: Role, wanted: Sequence[str]) -> tuple[Topic, ...]:
+    def named(self, role: Role) -> tuple[Topic, ...]:
         """The topics of one role that the user named."""
-        return tuple(x for x in self.of(role) if any(x.is_named(name) for name in wanted))
+        topics: tuple[Topic, ...] = getattr(self, role)
+        return tuple(x for x in topics if any(x.is_named(name) for name in self.wanted))
 
-    def choose(self, role: Role, wanted: Sequence[str]) -> Topic:
+    def choose(self, role: Role) -> Topic:
         """The topic to use in a role: the named one, else the only one.
-
-        Args:
-            role: what it should serve as.
-            wanted: names that the user gave, in any role; each must be in the bag and of use.
 
         Raises:
             InputError: none or several; lists the candidates.
         """
-        self.check_names(wanted)
-        pool = self.named(role, wanted) or self.of(role)
+        pool = self.named(role) or getattr(self, role)
         if len(pool) == 1:
             return pool[0]
         if not pool:
@@ -87,9 +86,9 @@ class BagContents:
         hint = f"choose one with {_TOPIC_OPTION}: {'; '.join(map(str, pool))}"
         raise InputError(self.path, f"{len(pool)} topics with {_ROLE_WORDS[role]}", hint)
 
-    def check_names(self, wanted: Sequence[str]) -> None:
-        """Raise InputError unless every name is a topic of the bag that can serve as something."""
-        for name in wanted:
+    def check_names(self) -> None:
+        """Raise InputError unless every wanted name is a topic of the bag that can serve as something."""
+        for name in self.wanted:
             found = [x for x in self.all if x.is_named(name)]
             if not found:
                 raise InputError(self.path, f"no topic {name}", _listing(self.all))
@@ -98,31 +97,33 @@ class BagContents:
                 reason = "no messages" if not found[0].count else f"{found[0]} is nothing that can be scored"
                 raise InputError(f"{self.path}, topic {name}", reason, _listing(usable))
 
-    def check_named_images(self, wanted: Sequence[str]) -> None:
+    def check_named_images(self) -> None:
         """Raise InputError if a colour image was named and no topic holds depth, beside which colours are read."""
-        named = self.named("colors", wanted)
+        named = self.named("colors")
         if named and not self.depths:
             found = f"{named[0]} holds no depth, nor does any other topic of the bag"
             raise InputError(f"{self.path}, topic {named[0].name}", found, f"allowed: {_ROLE_WORDS['depths']}")
 
 
-def describe_bag(path: Path) -> BagContents:
-    """What the topics of a bag can serve as; reads one message of each image topic.
+@contextmanager
+def open_contents(path: Path, wanted: Sequence[str] = ()) -> Iterator[BagContents]:
+    """Open a bag and tell what its topics can serve as; reads one message of each image topic.
+
+    Args:
+        path: the bag, of any kind.
+        wanted: names of topics that the user gave.
 
     Raises:
-        InputError: not a bag, or a damaged one.
+        InputError: not a bag, a damaged one, or one without a wanted topic.
     """
     with open_bag(path) as bag:
-        return contents_of(bag)
-
-
-def contents_of(bag: Bag) -> BagContents:
-    """What the topics of an open bag can serve as."""
-    roles: dict[str, list[Topic]] = {}
-    for topic in bag.topics:
-        role, described = _role_of(bag, topic)
-        roles.setdefault(role, []).append(described)
-    return BagContents(bag.path, **{role: tuple(topics) for role, topics in roles.items()})
+        roles: dict[str, list[Topic]] = {}
+        for topic in bag.topics:
+            role, described = _role_of(bag, topic)
+            roles.setdefault(role, []).append(described)
+        contents = BagContents(bag, tuple(wanted), **{role: tuple(topics) for role, topics in roles.items()})
+        contents.check_names()
+        yield contents
 
 
 def _role_of(bag: Bag, topic: Topic) -> tuple[str, Topic]:

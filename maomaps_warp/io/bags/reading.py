@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bag_decoding import deserialise
-from maomaps_warp.io.bag_errors import bag_errors
-from maomaps_warp.io.bag_sources import BagSource, Channel, open_ros1_bag, open_ros2_folder, open_sqlite_file
-from maomaps_warp.io.mcap_source import MCAP_MAGIC, open_mcap_file
+from maomaps_warp.io.bags.decoding import deserialise
+from maomaps_warp.io.bags.errors import bag_errors
+from maomaps_warp.io.bags.mcap_storage import MCAP_MAGIC, open_mcap_file
+from maomaps_warp.io.bags.storage import BagStorage, Channel, open_ros1_bag, open_ros2_folder, open_sqlite_file
 
 _ROS1_MAGIC = b"#ROSBAG V"
 _SQLITE_MAGIC = b"SQLite format 3\x00"
@@ -53,16 +53,16 @@ class Bag:
     Attributes:
         path: where it lies.
         topics: what it holds, by name.
-        source: its raw messages.
+        storage: its raw messages.
         repair_hint: how a damaged bag of this kind is repaired, for messages.
     """
 
     path: Path
     topics: tuple[Topic, ...]
-    source: BagSource
+    storage: BagStorage
     repair_hint: str
 
-    def messages(self, topics: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
+    def messages(self, topics: Sequence[str]) -> Generator[tuple[str, int, Any]]:
         """Stream the messages of `topics` in log-time order.
 
         Types that come with ROS are read by their standard definition, others by the one in the bag.
@@ -80,8 +80,9 @@ class Bag:
 
     def first_message(self, topic: Topic) -> Any:
         """The first message of a topic that has some."""
-        for _, _, message in self.messages([topic.name]):
-            return message
+        with closing(self.messages([topic.name])) as messages:
+            for _, _, message in messages:
+                return message
         raise InputError(f"{self.path}, topic {topic.name}", "no messages", self.repair_hint)
 
     def last_message(self, topic: Topic) -> Any:
@@ -93,7 +94,7 @@ class Bag:
         return self._deserialised(channel, data)
 
     def _channels(self, topics: Sequence[str]) -> list[Channel]:
-        channels = [channel for channel in self.source.channels if channel.topic in topics]
+        channels = [channel for channel in self.storage.channels if channel.topic in topics]
         for name in topics:
             types = sorted({channel.type for channel in channels if channel.topic == name})
             if len(types) > 1:
@@ -102,7 +103,7 @@ class Bag:
         return channels
 
     def _raw(self, channels: Sequence[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
-        messages = self.source.raw(channels)
+        messages = self.storage.raw(channels)
         missing = sum(channel.count for channel in channels)
         while True:
             with bag_errors(self.path, self.repair_hint):
@@ -143,19 +144,19 @@ def open_bag(path: Path) -> Iterator[Bag]:
     opener, hint = kind
     with ExitStack() as stack:
         with bag_errors(path, hint):
-            source = opener(path, stack)
-        yield Bag(path, _topics_of(source), source, hint)
+            storage = opener(path, stack)
+        yield Bag(path, _topics_of(storage), storage, hint)
 
 
-def _topics_of(source: BagSource) -> tuple[Topic, ...]:
+def _topics_of(storage: BagStorage) -> tuple[Topic, ...]:
     counts: dict[tuple[str, str], int] = {}
-    for channel in source.channels:
+    for channel in storage.channels:
         key = (channel.topic, channel.type)
         counts[key] = counts.get(key, 0) + channel.count
     return tuple(Topic(name, message_type, count) for (name, message_type), count in sorted(counts.items()))
 
 
-def _kind_of(path: Path) -> tuple[Callable[[Path, ExitStack], BagSource], str] | None:
+def _kind_of(path: Path) -> tuple[Callable[[Path, ExitStack], BagStorage], str] | None:
     """How the bag at `path` is opened, and how its kind is repaired; None if it is not a bag."""
     try:
         if path.is_dir():

@@ -6,7 +6,7 @@ import functools
 from typing import Any
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bag_sources import Channel
+from maomaps_warp.io.bags.storage import Channel
 
 
 def deserialise(channel: Channel, data: bytes, where: str) -> Any:

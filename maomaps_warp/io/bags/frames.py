@@ -8,28 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bag_messages import color_of, depth_of, header_stamp_ns
-from maomaps_warp.io.bag_reading import Bag, Topic, open_bag
-from maomaps_warp.io.bag_topics import BagContents, contents_of, describe_bag
+from maomaps_warp.io.bags.messages import color_of, depth_of, header_stamp_ns
+from maomaps_warp.io.bags.reading import Bag, Topic, open_bag
+from maomaps_warp.io.bags.topics import BagContents
 from maomaps_warp.io.cameras import camera_from_info
+from maomaps_warp.io.images import MAX_COLOR_GAP_NS, check_image_size
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 
-#: A colour image belongs to a depth image if their stamps differ by at most this, ns (TUM's 20 ms).
-MAX_COLOR_GAP_NS = 20_000_000
 _DISORDER_HINT = "stamps must increase; do two nodes publish here, or was the bag played in a loop?"
 #: Images of each kind held back at most while waiting for partners; about half a second of a usual camera.
 MAX_HELD_IMAGES = 16
 
 
-def read_bag_camera(path: Path, *, topics: Sequence[str] = ()) -> Camera | None:
+def read_bag_camera(contents: BagContents) -> Camera | None:
     """The camera of a bag's depth images, from the first sensor_msgs/CameraInfo that belongs to them.
 
     Its topic is the one that the user named, else the one in the depth topic's namespace, else the only one.
-
-    Args:
-        path: the bag, of any kind.
-        topics: names that the user gave.
 
     Returns:
         The camera, or None if the bag has no camera_info topic.
@@ -37,17 +32,18 @@ def read_bag_camera(path: Path, *, topics: Sequence[str] = ()) -> Camera | None:
     Raises:
         InputError: several candidates (lists them), or a camera that is distorted or not calibrated.
     """
-    with open_bag(path) as bag:
-        contents = contents_of(bag)
-        contents.check_names(topics)
-        if not contents.camera_infos:
-            return None
-        depth = contents.choose("depths", topics) if contents.depths else None
-        return _camera_for(bag, contents, depth, topics)
+    if not contents.camera_infos:
+        return None
+    infos = contents.named("camera_infos")
+    if not infos and contents.depths:
+        depth = contents.choose("depths")
+        infos = tuple(x for x in contents.camera_infos if _same_namespace(depth.name, x.name))
+    topic = infos[0] if len(infos) == 1 else contents.choose("camera_infos")
+    return camera_from_info(contents.bag.first_message(topic), f"{contents.path}, topic {topic.name}")
 
 
-def read_bag_frames(path: Path, *, topics: Sequence[str] = (), camera: Camera | None) -> FrameStream:
-    """The depth images of a bag, with the colour images that belong to them, as a stream.
+def read_bag_frames(contents: BagContents, *, camera: Camera | None) -> FrameStream:
+    """The depth images of a bag's named topic, or else of the only one, with their colour images, as a stream.
 
     Depth is recognised by its encoding (32FC1 in metres; 16UC1 and mono16 in millimetres; compressedDepth).
     A depth image takes the colour image of the nearest header stamp, at most MAX_COLOR_GAP_NS away; without
@@ -55,24 +51,22 @@ def read_bag_frames(path: Path, *, topics: Sequence[str] = (), camera: Camera | 
     flat: colours that were logged later than that many depth images are not joined.
 
     Args:
-        path: the bag, of any kind.
-        topics: names that the user gave; one of them, or else the only candidate of the bag, is read.
+        contents: the open bag; the stream opens it anew for each reading.
         camera: the intrinsics; None to take them from the bag's camera_info.
 
     Raises:
         InputError: no or several candidates (lists them), no camera; and while reading: damaged images,
             stamps that are zero or do not increase, images of another size than the camera's.
     """
-    contents = describe_bag(path)
-    depth = contents.choose("depths", topics)
-    if camera is None:
-        camera = read_bag_camera(path, topics=topics)
+    path = contents.path
+    depth = contents.choose("depths")
+    camera = camera or read_bag_camera(contents)
     if camera is None:
         raise InputError(path, "no camera_info topic to tell the intrinsics", "give --camera (320x240@90, or a file)")
     intrinsics = camera
 
     def read(with_colors: bool) -> Iterator[Frame]:
-        color = contents.choose("colors", topics) if with_colors and contents.colors else None
+        color = contents.choose("colors") if with_colors and contents.colors else None
         return _read_frames(path, depth, color, intrinsics)
 
     return FrameStream(camera=intrinsics, count=depth.count, read=read, source=f"{path}, topic {depth.name}")
@@ -90,12 +84,12 @@ def _read_frames(path: Path, depth: Topic, color: Topic | None, camera: Camera) 
                 raise InputError(where, f"the stamp {stamp_ns} ns does not follow {last_ns} ns", _DISORDER_HINT)
             last_ns = stamp_ns
             image = depth_of(message, where)
-            _check_size(image.shape, camera, where, "the camera", "give the camera of these images with --camera")
+            check_image_size(image.shape, camera, where, "give the camera of these images with --camera")
             colors = None
             if color is not None and partner is not None:
                 color_place = f"{path}, topic {color.name}"
                 colors = color_of(partner, color_place)
-                _check_size(colors.shape[:2], camera, color_place, "the depth", "use registered images")
+                check_image_size(colors.shape[:2], camera, color_place, "use images registered to the depth")
             yield Frame(index=index, stamp_ns=stamp_ns, depth=image, colors=colors)
 
 
@@ -130,19 +124,6 @@ def _nearest(colors: Iterable[tuple[int, Any]], stamp_ns: int) -> Any | None:
         default=(MAX_COLOR_GAP_NS + 1, None),
     )
     return message if gap <= MAX_COLOR_GAP_NS else None
-
-
-def _check_size(shape: tuple[int, ...], camera: Camera, where: str, against: str, hint: str) -> None:
-    if shape != (camera.height, camera.width):
-        raise InputError(where, f"the image is {shape[1]}x{shape[0]}, {against} {camera.width}x{camera.height}", hint)
-
-
-def _camera_for(bag: Bag, contents: BagContents, depth: Topic | None, topics: Sequence[str]) -> Camera:
-    infos = contents.named("camera_infos", topics)
-    if not infos and depth is not None:
-        infos = tuple(x for x in contents.camera_infos if _same_namespace(depth.name, x.name))
-    topic = infos[0] if len(infos) == 1 else contents.choose("camera_infos", topics)
-    return camera_from_info(bag.first_message(topic), f"{bag.path}, topic {topic.name}")
 
 
 def _same_namespace(image: str, info: str) -> bool:

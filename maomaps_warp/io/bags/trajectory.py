@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bag_messages import header_stamp_ns
-from maomaps_warp.io.bag_reading import Bag, Topic, open_bag
-from maomaps_warp.io.bag_topics import contents_of
+from maomaps_warp.io.bags.messages import header_stamp_ns
+from maomaps_warp.io.bags.reading import Bag, Topic
+from maomaps_warp.io.bags.topics import BagContents
 from maomaps_warp.io.rotations import T_BODY_CAMERA, checked_quaternions, matrices_from_quaternions, poses
+from maomaps_warp.io.source import PoseFrame
+from maomaps_warp.io.stamp_order import check_stamp_order
 from maomaps_warp.model.trajectory import Trajectory
 
 _PATH = "nav_msgs/msg/Path"
@@ -47,16 +48,14 @@ class _Poses:
     notes: tuple[str, ...] = ()
 
 
-def read_bag_trajectory(
-    path: Path, *, topics: Sequence[str] = (), pose_frame: Literal["auto", "optical", "body"] = "auto"
-) -> Trajectory:
-    """Read the trajectory of a bag.
+def read_bag_trajectory(contents: BagContents, *, pose_frame: PoseFrame = "auto") -> Trajectory:
+    """Read the trajectory of the named topic of a bag, or else of the only candidate.
+
+    Candidates are nav_msgs/Path (its last message that holds poses), nav_msgs/Odometry, and
+    geometry_msgs/PoseStamped, PoseWithCovarianceStamped and TransformStamped.
 
     Args:
-        path: the bag, of any kind.
-        topics: names that the user gave; one of them, or else the only candidate of the bag, is read.
-            Candidates are nav_msgs/Path (its last message that holds poses), nav_msgs/Odometry, and
-            geometry_msgs/PoseStamped, PoseWithCovarianceStamped and TransformStamped.
+        contents: the open bag.
         pose_frame: what the poses are of: the camera's optical frame, or a body (x forward, y left, z up) in
             whose origin the camera looks forward. "auto" takes Odometry whose child_frame_id does not contain
             "optical" for a body, everything else for optical.
@@ -65,22 +64,22 @@ def read_bag_trajectory(
         Poses with the stamps of the headers; the log times are not used.
 
     Raises:
-        InputError: no or several candidates (lists them); stamps that are zero, fall or repeat; positions
+        InputError: no or several candidates (lists them); stamps that are zero, fall or repeat often; positions
             that are not finite; quaternions whose norm is not 1; changing frames. Tells the message's number.
     """
-    with open_bag(path) as bag:
-        topic = contents_of(bag).choose("poses", topics)
-        recorded = _read_path(bag, topic) if topic.type == _PATH else _read_messages(bag, topic)
-    where = f"{path}, topic {topic.name}"
+    topic = contents.choose("poses")
+    recorded = (_read_path if topic.type == _PATH else _read_messages)(contents.bag, topic)
+    where = f"{contents.path}, topic {topic.name}"
     item = "pose" if topic.type == _PATH else "message"
 
     def place(row: int) -> str:
         return f"{where}, {item} {row + 1}"
 
     _check_positions(recorded, place)
-    keep, notes = _checked_order(recorded, place)
-    quaternions = checked_quaternions(recorded.values[:, 3:], place)[keep]
-    T_world_pose = poses(recorded.values[keep, :3], matrices_from_quaternions(quaternions))
+    quaternions = checked_quaternions(recorded.values[:, 3:], place)
+    T_world_pose = poses(recorded.values[:, :3], matrices_from_quaternions(quaternions))
+    keep, notes = check_stamp_order(recorded.stamps_ns, T_world_pose, place, drop_copies=True)
+    T_world_pose = T_world_pose[keep]
     child = recorded.child_frame_id
     is_body = _is_body(pose_frame, topic, child)
     if is_body:
@@ -148,25 +147,6 @@ def _check_positions(recorded: _Poses, place: Callable[[int], str]) -> None:
     if len(bad):
         more = f"; {len(bad)} of {len(recorded.values)} are so" if len(bad) > 1 else ""
         raise InputError(place(int(bad[0])), "the position is not finite" + more, "remove such poses")
-
-
-def _checked_order(recorded: _Poses, place: Callable[[int], str]) -> tuple[NDArray[np.intp], tuple[str, ...]]:
-    """Rows to keep, and a note on the dropped: a pose published twice is harmless, other disorder is not."""
-    steps = np.diff(recorded.stamps_ns)
-    repeated = (steps == 0) & (recorded.values[1:] == recorded.values[:-1]).all(axis=1)
-    bad = np.flatnonzero((steps <= 0) & ~repeated)
-    if len(bad):
-        row = int(bad[0])
-        what = "repeats, with another pose" if steps[row] == 0 else f"is {-steps[row] * 1e-9:.9f} s before the last"
-        more = f"; {len(bad)} stamps are so" if len(bad) > 1 else ""
-        raise InputError(
-            place(row + 1),
-            f"the stamp {recorded.stamps_ns[row + 1]} ns {what}{more}",
-            "stamps must increase; do two nodes publish here, or was the bag played in a loop?",
-        )
-    dropped = int(repeated.sum())
-    notes = (f"{dropped} poses that repeat the one before them, stamp and all, were dropped",) if dropped else ()
-    return np.flatnonzero(np.concatenate([[True], ~repeated])), notes
 
 
 def _is_body(pose_frame: str, topic: Topic, child_frame_id: str) -> bool:
