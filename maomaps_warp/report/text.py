@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _STATISTICS = ("rmse", "mean", "median", "std", "p90", "p95", "max")
+_PAIRED = {"interpolate": "gt interpolated", "nearest": "nearest stamp", "index": "by index"}
 _UNIT_OF_STEP = {"frames": "frame(s)", "metres": "m", "seconds": "s"}
 
 
@@ -94,8 +95,8 @@ def _headlines(score: Score) -> Table:
     if isinstance(ate, NoValue):
         table.add_row("ATE", "-", "m", _brief(ate.reason))
     else:
-        paired = "by index" if score.pairing and score.pairing[0] == "index" else f"paired by {score.protocol.match}"
-        support = f"{ate.counts['matched']} of {ate.counts['poses']} poses, {paired}"
+        paired = f", {_PAIRED[score.pairing[0]]}" if score.pairing else ""
+        support = f"{ate.counts['matched']} of {ate.counts['poses']} poses{paired}"
         table.add_row("ATE rmse", f"{ate.errors['absolute'].translation.rmse:.4f}", "m", support)
     if isinstance(rpe, NoValue):
         table.add_row("RPE", "-", "m", _brief(rpe.reason))
