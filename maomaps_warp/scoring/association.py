@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maomaps_warp.mapping.chunks import each_in_order, slices
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.correspondences import Correspondences, ElementClass
 from maomaps_warp.protocol import PoseChoice
@@ -77,9 +76,8 @@ def associate_maps(
     chunk = job.every_pose if rules.pose_choice == "all" else job.one_pose
     classes = np.empty(len(elements), dtype=np.uint8)
     found: list[_Found] = []
-    starts = range(0, len(elements), job.chunk_size)
-    chunks = [slice(start, min(start + job.chunk_size, len(elements))) for start in starts]
-    for rows, (status, pairs) in zip(chunks, _in_order(chunk, chunks, job.threads), strict=True):
+    chunks = slices(len(elements), job.chunk_size)
+    for rows, (status, pairs) in zip(chunks, each_in_order(chunk, chunks, est.device), strict=True):
         classes[rows] = _classes(status, pairs.element - rows.start)
         found.append(pairs)
         if progress is not None:
@@ -98,16 +96,6 @@ def associate_maps(
         gt_points=gt.voxels.points,
         gt_index=gt_voxel,
     )
-
-
-def _in_order(
-    work: Callable[[slice], tuple[NDArray[np.int32], _Found]], chunks: list[slice], threads: int
-) -> Iterator[tuple[NDArray[np.int32], _Found]]:
-    """Results of `work` on each chunk, in order. A launch on the CPU is one serial loop that releases the GIL."""
-    if chunks:
-        yield work(chunks[0])  # alone: it loads the kernels
-    with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(work, chunks[1:])
 
 
 class _Found(NamedTuple):
@@ -159,7 +147,6 @@ class _Job:
         self.view = View()
         self.view.x_min, self.view.x_max, self.view.y_min, self.view.y_max = rules.camera.tangent_bounds
         self.view.near, self.view.max_range, self.view.two_sided = rules.near, rules.max_range, rules.two_sided
-        self.threads = (os.cpu_count() or 1) if wp.get_device(est.device).is_cpu else 1
         self.chunk_size = _CHUNK_POINTS
         if rules.pose_choice == "all":
             self.chunk_size = max(1, min(_CHUNK_POINTS, _CHUNK_PAIRS // max(1, len(T_est))))

@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maomaps_warp.mapping.chunks import each_in_order, slices
+
 #: Points of a leaf: fewer make the tree deep, more make leaves slow.
 _LEAF_POINTS = 8
+#: Queries of one launch: long enough to hide its cost.
+_CHUNK_QUERIES = 1 << 13
 
 
 def nearest_neighbours(
@@ -31,7 +35,10 @@ def nearest_neighbours(
     if not len(points):
         raise ValueError("points: expected at least one, got none")
     tree = build_point_tree(points, device)
-    index = find_nearest(tree, wp.array(queries, dtype=wp.vec3d, device=device)).numpy()
+    on_device = wp.array(queries, dtype=wp.vec3d, device=device)
+    chunks = slices(len(queries), _CHUNK_QUERIES)
+    parts = each_in_order(lambda rows: find_nearest(tree, on_device[rows]).numpy(), chunks, device)
+    index = np.concatenate([np.empty(0, dtype=np.int32), *parts])
     return index, np.linalg.norm(queries - points[index], axis=1)
 
 
