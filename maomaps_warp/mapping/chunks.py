@@ -18,8 +18,8 @@ def slices(count: int, size: int) -> list[slice]:
 def each_in_order(work: Callable[[slice], Result], chunks: Sequence[slice], device: str) -> Iterator[Result]:
     """Results of `work` on each chunk, in the order of the chunks, however they are computed.
 
-    A launch on a CPU is one serial loop that releases the interpreter's lock, so chunks run side by side, a thread a core;
-    on a GPU one after the other. They must not write to the same memory.
+    A launch on a CPU is one serial loop that releases the interpreter's lock, so chunks run side by side, one
+    thread for each core; on a GPU one after the other. They must not write to the same memory.
     """
     import warp as wp
 
