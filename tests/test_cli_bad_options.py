@@ -102,7 +102,7 @@ def test_a_file_that_stood_there_is_kept_when_the_run_fails(run: Path) -> None:
     # Trajectories alone have no correspondences: that file stays, the score is written.
     outcome = score(run, *trajectories(run), *outputs)
     assert (outcome.exit_code, (run / "old.txt").read_text()) == (3, "old")
-    assert "--correspondences" in outcome.stderr and "two maps and two trajectories" in outcome.stderr
+    assert "--correspondences" in outcome.stderr and "two maps and two paired trajectories" in outcome.stderr
     assert (run / "old.json").read_text() != "old"
 
 

@@ -133,32 +133,31 @@ def run_pipeline(
 
 
 def report(scored: ScoredRun, json_file: Path | None, correspondences: Path | None) -> None:
-    """Print a score and write its files; exits with 3 if a metric that was asked for has no data."""
+    """Write a score's files and print it; exits with 3 if a metric that was asked for has no data."""
     from maomaps_warp.cli.terminal import EXIT_NO_SCORE, complain, console
-    from maomaps_warp.errors import NoScoreError
     from maomaps_warp.io.correspondences import write_correspondences
     from maomaps_warp.io.outputs import write_whole
     from maomaps_warp.report.json_report import score_document
     from maomaps_warp.report.text import score_tables
 
+    failures = list(scored.score.failures)
     if json_file is not None:
         with write_whole(json_file, "w") as file:
             file.write(json.dumps(score_document(scored.score), indent=2, allow_nan=False) + "\n")
+    if correspondences is not None:
+        if scored.correspondences is None or scored.poses is None:
+            failures.append("--correspondences: there are none, it takes two maps and two paired trajectories")
+        else:
+            poses = scored.poses
+            write_correspondences(
+                correspondences, scored.correspondences, poses.T_world_camera_est, poses.T_world_camera_gt
+            )
     out = console()
     for part in score_tables(scored.score):
         out.print(part, soft_wrap=isinstance(part, str))
-    if correspondences is not None:
-        if scored.correspondences is None or scored.poses is None:
-            raise NoScoreError("--correspondences: there are none, it takes two maps and two trajectories")
-        write_correspondences(
-            correspondences,
-            scored.correspondences,
-            scored.poses.T_world_camera_est,
-            scored.poses.T_world_camera_gt,
-        )
-    if scored.score.failures:
-        for reason in scored.score.failures:
-            complain(reason)
+    for reason in failures:
+        complain(reason)
+    if failures:
         raise typer.Exit(EXIT_NO_SCORE)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import traceback
@@ -34,7 +35,7 @@ def user_errors(debug: bool) -> Iterator[None]:
         # Files are guarded where they are read and written: what is left is standard output.
         if debug:
             traceback.print_exc()
-        complain(f"standard output: {error.strerror or error}")
+        complain(f"{error.filename or 'standard output'}: {error.strerror or error}")
         raise typer.Exit(EXIT_BAD_INPUT) from None
     except MaomapsError as error:
         if debug:
@@ -88,8 +89,6 @@ def progress_clock() -> Iterator[Stopwatch]:
 
 def quiet_warp() -> None:
     """Start Warp without its greeting and without the line its C++ prints where there is no CUDA driver."""
-    import os
-
     import warp as wp
 
     wp.config.quiet = True
