@@ -60,6 +60,8 @@ def score(
     """
     clock = clock or Stopwatch()
     _check_something_in_common(gt, est)
+    for side in (gt, est):
+        _check_more_than_one_pose(side)
     with clock.stage("pair poses"):
         pairs, alignment = pair_and_align(gt.trajectory, est.trajectory, protocol, gt.start_pose)
     ate: TrajectoryScore | NoValue
@@ -118,6 +120,15 @@ def _check_something_in_common(gt: Source, est: Source) -> None:
             f"{gt.name} and {est.name}",
             f"the ground truth holds only {held}, the estimate only {other}: there is nothing to compare",
             "give both a map, or both a trajectory",
+        )
+
+
+def _check_more_than_one_pose(source: Source) -> None:
+    if source.trajectory is not None and len(source.trajectory) < 2:
+        raise InputError(
+            source.trajectory.source,
+            f"{len(source.trajectory)} pose is no trajectory",
+            "give at least two, or the maps alone: --gt-map and --est-map",
         )
 
 

@@ -121,9 +121,13 @@ def test_range_and_near_limits_put_elements_out_of_view(device):
 
 
 def test_a_camera_inside_an_occupied_voxel_sees_that_voxel_and_not_through_it(device):
-    T = _poses(camera_pose((1.0, 0, 0), 0.0))
-    c = _run([[1.0, 0, 0], [2.0, 0, 0]], [[2.0, 0, 0]], T, T, device, near=0.0)
-    assert c.counts["occluded"] == 1  # the far one; the camera's own voxel is at distance 0, in no image
+    est = [[1.0, 0, 0], [2.0, 0, 0]]
+    for choice in ("nearest", "all"):
+        for x in (0.98, 0.995, 1.0, 1.02):  # before the voxel's centre, at it, past it
+            T = _poses(camera_pose((x, 0.01, 0), 0.0))
+            c = _run(est, est, T, T, device, pose_choice=choice)
+            assert c.classes.tolist() == [ElementClass.ASSOCIATED, ElementClass.OCCLUDED]
+            assert not c.absolute_errors().any()
 
 
 def test_the_choice_of_the_pose(device):

@@ -177,9 +177,24 @@ def test_an_image_that_was_named_and_holds_no_depth_is_refused(encoding: str, dt
     assert_refused(outcome, tmp_path, "topic /depth", encoding)
 
 
-def test_a_colour_image_without_depth_beside_it_only_counts_when_it_is_named(tmp_path: Path) -> None:
-    bag = written_bag(tmp_path, images=images_of(np.zeros((6, 8), np.uint8), "mono8"))
-    assert score(tmp_path, "--gt", bag, "--est", bag).metrics["ate"]["value"] == 0
+@pytest.mark.parametrize(("topic", "encoding"), [("/depth", "mono8"), ("/image", "64FC1"), ("/image", "bogus")])
+def test_images_that_were_meant_as_depth_are_refused_with_their_encoding(
+    topic: str, encoding: str, tmp_path: Path
+) -> None:
+    pixels = np.zeros((6, 8), np.float64 if encoding == "64FC1" else np.uint8)
+    bag = written_bag(tmp_path, images=images_of(pixels, encoding, topic))
+    assert_refused(
+        score(tmp_path, "--gt", bag, "--est", bag), tmp_path, topic, repr(encoding), "allowed: depth", "32FC1"
+    )
+    for_poses = score(tmp_path, "--gt", bag, "--est", bag, "--gt-topic", "/pose", "--est-topic", "/pose")
+    assert for_poses.metrics["ate"]["value"] == 0
+
+
+def test_plain_colour_images_leave_the_poses_and_a_note(tmp_path: Path) -> None:
+    bag = written_bag(tmp_path, images=images_of(np.zeros((6, 8, 3), np.uint8), "rgb8", "/camera/image"))
+    outcome = score(tmp_path, "--gt", bag, "--est", bag)
+    assert outcome.metrics["ate"]["value"] == 0
+    assert "no map: /camera/image holds colours" in outcome.stdout
 
 
 @pytest.mark.parametrize("depth", [0.0, np.nan, 1e30, -1.0])

@@ -135,13 +135,19 @@ def test_stamps_that_never_meet_leave_the_maps_their_nearest_neighbours(run: Pat
     assert outcome.document is not None and outcome.document["metrics"]["ame_nn"]["value"] == 0
 
 
-def test_one_pose_has_an_absolute_error_and_no_relative_one(run: Path) -> None:
+@pytest.mark.parametrize("side", ["gt", "est"])
+def test_one_pose_is_no_trajectory(run: Path, side: str) -> None:
     (run / "one.txt").write_text(text(ROWS[3:4]))
-    outcome = score(run, "--gt", run / "gt.txt", "--est", run / "one.txt")
-    assert_without_value(outcome, "rpe")
-    assert outcome.document is not None and outcome.document["metrics"]["ate"]["count"] == 1
-    refused = score(run, "--gt", run / "gt.txt", "--est", run / "one.txt", "--align", "se3")
-    assert_refused(refused, run, "--align se3", "--align origin")
+    files = {"gt": run / "gt.txt", "est": run / "est.txt"} | {side: run / "one.txt"}
+    outcome = score(run, "--gt", files["gt"], "--est", files["est"])
+    assert_refused(outcome, run, "one.txt", "1 pose is no trajectory", "--est-map")
+
+
+@pytest.mark.parametrize(("held", "name"), [("map.xyz", "fake.pcd"), ("gt.txt", "fake.bag"), ("map.xyz", "fake.npz")])
+def test_a_file_that_is_not_what_its_name_says_is_refused(run: Path, held: str, name: str) -> None:
+    (run / name).write_bytes((run / held).read_bytes())
+    refused = score(run, "--gt", run / held, "--est", run / name)
+    assert_refused(refused, run, name, f"is named {Path(name).suffix} but holds", "--est-format")
 
 
 def test_maps_that_nowhere_meet_give_nearest_neighbours_and_no_association(run: Path) -> None:

@@ -95,7 +95,7 @@ def refusal(path: Path, options: SourceOptions = AUTO, side: Side = "gt") -> str
     ("name", "content", "kind", "parts"),
     [
         ("a.txt", TUM_ROWS, "TUM trajectory", ("trajectory",)),
-        ("a.pcd", "1 0 0 0 0 1 0 0 0 0 1 0\n", "KITTI trajectory", ("trajectory",)),
+        ("a.dat", "1 0 0 0 0 1 0 0 0 0 1 0\n", "KITTI trajectory", ("trajectory",)),
         (
             "a.csv",
             "#ns,x\n1000000000,0,0,0,1,0,0,0\n2000000000,0,0,0,1,0,0,0\n",

@@ -54,13 +54,23 @@ def open_part(path: Path, options: SourceOptions, side: Side, part: Part) -> Sou
     other = {"all": (), "map": TRAJECTORY_FORMATS, "trajectory": CLOUD_FORMATS}[part]
     format = "auto" if options.format in other else options.format
     if format == "auto":
-        format = _recognise(path, side)
+        format = _recognise(path, side, part)
+        _check_name(path, format, side)
     elif format in _FOLDER_FORMATS and not path.is_dir():
         raise InputError(path, "is a file", f"--{side}-format {format} is a folder")
     return _OPENERS[format](path, format, options, side, part)
 
 
-def _recognise(path: Path, side: Side) -> str:
+def _check_name(path: Path, format: str, side: Side) -> None:
+    """Refuse a file whose name says plainly that it is something else; `.txt`, `.csv` and the like say nothing."""
+    suffix = path.suffix.lower()
+    meant = _MEANT_BY_SUFFIX.get(suffix)
+    if path.is_file() and meant is not None and format != meant:
+        found = f"is named {suffix} but holds {format}"
+        raise InputError(path, found, f"rename it, or say --{side}-format {format}")
+
+
+def _recognise(path: Path, side: Side, part: Part) -> str:
     """The format of a path by its content: one of FORMATS, never "auto"."""
     if path.is_dir():
         if is_original_directory(path):
@@ -74,6 +84,8 @@ def _recognise(path: Path, side: Side) -> str:
     if recognise_bag(path):
         return "bag"
     known = None if path.is_dir() else recognise_cloud(path) or recognise_trajectory(path)
+    if known == "maomaps" and (part == "map" or path.suffix.lower() == ".xyz"):
+        known = "xyz"  # six columns are points with normals where poses cannot be meant
     if known is None:
         raise InputError(path, f"cannot be recognised: {_looks_like(path)}", f"{_ACCEPTED}; --{side}-format names one")
     return known
@@ -133,6 +145,18 @@ def _open_rgbd(path: Path, format: str, options: SourceOptions, side: Side, part
 def _open_bag(path: Path, format: str, options: SourceOptions, side: Side, part: Part) -> Source:
     return read_bag(path, options, side, part)
 
+
+#: Suffixes that stand for one format.
+_MEANT_BY_SUFFIX = {
+    ".pcd": "pcd",
+    ".ply": "ply",
+    ".npz": "npz",
+    ".npy": "npz",
+    ".xyz": "xyz",
+    ".bag": "bag",
+    ".mcap": "bag",
+    ".db3": "bag",
+}
 
 _OPENERS: dict[str, Callable[[Path, str, SourceOptions, Side, Part], Source]] = {
     **dict.fromkeys(TRAJECTORY_FORMATS, _open_trajectory),

@@ -78,6 +78,24 @@ def in_view(view: View, p_camera: wp.vec3) -> wp.bool:
 
 
 @wp.func
+def camera_inside(est: Surface, view: View, T_map_est: wp.transformf, point: wp.vec3) -> wp.bool:
+    """Whether the camera stands in the predicted voxel centred at `point`: it sees that voxel wherever it looks."""
+    offset = point - wp.transform_get_translation(T_map_est)
+    largest = wp.max(wp.abs(offset[0]), wp.max(wp.abs(offset[1]), wp.abs(offset[2])))
+    return not view.two_sided and largest * est.inv_voxel_size < 0.5
+
+
+@wp.func
+def direction_of(p_camera: wp.vec3) -> wp.vec3:
+    """Unit vector to `p_camera`; straight ahead if the camera stands on it."""
+    distance = wp.length(p_camera)
+    direction = wp.vec3(0.0, 0.0, 1.0)
+    if distance > 1.0e-6:
+        direction = p_camera / distance
+    return direction
+
+
+@wp.func
 def ray_hit(surface: Surface, T_map_camera: wp.transformf, direction: wp.vec3) -> wp.int32:
     """First voxel that a camera at `T_map_camera` sees along a camera-frame unit `direction`, or -1."""
     origin = wp.transform_get_translation(T_map_camera)
@@ -128,8 +146,8 @@ def _associate_kernel(
         distance = wp.length(p_camera)
         # Only a pose that would win casts a ray; of equally near ones the lower index wins, in whatever order.
         if first_wins or distance < best or (distance == best and pose < best_pose):
-            if in_view(view, p_camera):
-                direction = p_camera / distance
+            if in_view(view, p_camera) or camera_inside(est, view, poses.T_map_est[pose], point):
+                direction = direction_of(p_camera)
                 voxel = visible_surface(est, poses.T_map_est[pose], point, direction, tolerance)
                 if voxel >= 0:
                     status = int(VISIBLE)
@@ -170,8 +188,8 @@ def _associate_all_kernel(
     status = int(OUT_OF_VIEW)
     voxel = int(-1)
     gt_voxel = int(-1)
-    if in_view(view, p_camera):
-        direction = wp.normalize(p_camera)
+    if in_view(view, p_camera) or camera_inside(est, view, poses.T_map_est[pose], point):
+        direction = direction_of(p_camera)
         voxel = visible_surface(est, poses.T_map_est[pose], point, direction, tolerance)
         if voxel < 0:
             status = int(OCCLUDED)

@@ -86,8 +86,8 @@ class Correspondences:
         errors = np.empty(len(self))
         for rows in self._chunks():
             pose = self.pose[rows]
-            est = _in_camera(T_world_camera_est[pose], self.est(rows))
-            gt = _in_camera(T_world_camera_gt[pose], self.gt(rows))
+            est = in_camera(T_world_camera_est[pose], self.est(rows))
+            gt = in_camera(T_world_camera_gt[pose], self.gt(rows))
             errors[rows] = np.linalg.norm(est - gt, axis=1)
         return errors
 
@@ -95,6 +95,7 @@ class Correspondences:
         return [slice(start, start + _CHUNK) for start in range(0, len(self), _CHUNK)]
 
 
-def _in_camera(T_world_camera: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def in_camera(T_world_camera: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points, (N, 3) float64 world, each in the frame of its own camera, (N, 4, 4): (N, 3) float64, metres."""
     moved = points - T_world_camera[:, :3, 3]
     return np.asarray(np.einsum("nji,nj->ni", T_world_camera[:, :3, :3], moved))

@@ -39,7 +39,10 @@ def relative_score(pairs: PairedPoses, protocol: Protocol) -> TrajectoryScore | 
         if result is not None:
             errors[unit] = PoseErrors(result.translation, result.rotation)
     if "frames" not in errors:
-        reason = f"a relative error over rpe_frames = {protocol.rpe_frames} takes more than {len(pairs)} paired pose(s)"
+        reason = (
+            f"only {len(pairs)} of the estimate's {pairs.est_poses} poses are paired, too few for a relative error "
+            f"over {protocol.rpe_frames} frame(s): see --max-stamp-gap and --t-offset"
+        )
         return NoValue(reason, asked=True, counts=counts)
     return TrajectoryScore(errors, counts)
 

@@ -32,7 +32,9 @@ def read_bag(path: Path, options: SourceOptions, side: Side, part: Part = "all")
         notes: tuple[str, ...] = ()
         if part != "trajectory":
             contents.check_named_images()
+            no_depth = contents.check_depth_is_readable()
             takes_cloud, notes = _takes_cloud(contents, side)
+            notes += no_depth
             if takes_cloud:
                 cloud = read_bag_cloud(contents)
                 if camera is None:
@@ -46,7 +48,12 @@ def read_bag(path: Path, options: SourceOptions, side: Side, part: Part = "all")
         if cloud is None and frames is None and trajectory is None:
             wanted = {"all": "neither a map nor poses", "map": "no map", "trajectory": "no poses"}[part]
             listed = "; ".join(map(str, contents.all)) or "none"
-            raise InputError(path, f"the bag holds {wanted}", f"topics in this bag: {listed}")
+            tf = (
+                "; /tf is not read: give the poses as a file"
+                if any("TFMessage" in t.type for t in contents.all)
+                else ""
+            )
+            raise InputError(path, f"the bag holds {wanted}", f"topics in this bag: {listed}{tf}")
     notes += notes_of(cloud, trajectory)
     return Source(str(path), _kind_of(path), trajectory, cloud, frames, camera, notes=notes)
 

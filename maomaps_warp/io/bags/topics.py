@@ -97,6 +97,23 @@ class BagContents:
                 reason = "no messages" if not found[0].count else f"{found[0]} is nothing that can be scored"
                 raise InputError(f"{self.path}, topic {name}", reason, _listing(usable))
 
+    def check_depth_is_readable(self) -> tuple[str, ...]:
+        """A note if images hold no depth; raises InputError if one was meant to: by its name, or of no known encoding.
+
+        Naming topics that are no images says that no map is wanted.
+        """
+        unknown = tuple(x for x in self.others if x.encoding)
+        meant = unknown + tuple(x for x in self.colors if "depth" in x.name.lower())
+        if self.clouds or self.depths or (self.wanted and not any(self.named("colors"))):
+            return ()
+        if meant:
+            raise InputError(
+                f"{self.path}, topic {meant[0].name}",
+                f"images of encoding {meant[0].encoding!r} hold no depth that can be read",
+                f"allowed: {_ROLE_WORDS['depths']}; for the poses alone name their topic with {_TOPIC_OPTION}",
+            )
+        return (f"no map: {self.colors[0].name} holds colours and no topic holds depth",) if self.colors else ()
+
     def check_named_images(self) -> None:
         """Raise InputError if a colour image was named and no topic holds depth, beside which colours are read."""
         named = self.named("colors")
