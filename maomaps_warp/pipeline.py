@@ -76,10 +76,12 @@ def score(
     nearest: NearestScore | NoValue
     ray: RayScore | NoValue
     correspondences = None
-    maps = _why_no_maps(gt, est, alignment, protocol)
+    maps: tuple[SideMap, SideMap] | NoValue | None = _why_no_maps(gt, est, alignment, protocol)
     if maps is None:
+        from maomaps_warp.mapping.device import resolve_device
+
         with clock.stage("start device"):
-            used_device = _start(device)
+            used_device = resolve_device(device)
         maps = build_both(gt, est, alignment or Alignment(), protocol, used_device, clock)
     if isinstance(maps, NoValue):
         nearest = ray = maps
@@ -136,9 +138,7 @@ def _has_map(source: Source) -> bool:
     return source.cloud is not None or source.frames is not None
 
 
-def _why_no_maps(
-    gt: Source, est: Source, alignment: Alignment | None, protocol: Protocol
-) -> NoValue | tuple[SideMap, SideMap] | None:
+def _why_no_maps(gt: Source, est: Source, alignment: Alignment | None, protocol: Protocol) -> NoValue | None:
     """Why maps are not to be compared; None if they are."""
     for side, source in (("ground truth", gt), ("estimate", est)):
         if not _has_map(source):
@@ -146,12 +146,6 @@ def _why_no_maps(
     if alignment is None:
         return NoValue(f"no paired poses to find --align {protocol.align} from", asked=True)
     return None
-
-
-def _start(device: str) -> str:
-    from maomaps_warp.mapping.device import resolve_device
-
-    return resolve_device(device)
 
 
 def _camera_of(gt: Source, est: Source, camera: Camera | None, protocol: Protocol) -> tuple[Camera, str]:

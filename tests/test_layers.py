@@ -42,7 +42,6 @@ ALLOWED = {
         "protocol_files",
         "io",
         "mapping",
-        "sim",
         "report",
         "model",
         "protocol",

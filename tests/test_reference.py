@@ -7,6 +7,8 @@ import pytest
 from shared_data import shared_data, shared_reference
 
 from maomaps_warp.io.sources import SourceOptions, open_original_directory, open_source
+from maomaps_warp.mapping.cloud_map import octomap_leaves, voxelise
+from maomaps_warp.model.voxels import VoxelGrid
 from maomaps_warp.pipeline import score
 from maomaps_warp.protocol import PRESETS
 from maomaps_warp.protocol_files import with_overrides
@@ -53,6 +55,16 @@ def test_the_originals_correspondences_are_ours(choice):
     assert same >= IDENTICAL * len(original)
     assert run.score.ame_ray.absolute.mean == pytest.approx(PRINTED["abs", choice], abs=MEAN)
     assert run.score.ame_ray.counts["occluded"] == pytest.approx(9993, abs=5)
+
+
+@pytest.mark.parametrize(("points", "leaves"), [("gt_points.txt", "gt_leaves"), ("slam_points.txt", "est_leaves")])
+def test_every_leaf_of_the_originals_octree_is_ours_and_no_other(points, leaves):
+    folder = shared_reference("tum_fr1_rpy_a")
+    in_float32 = np.loadtxt(folder / points, dtype=np.float32).astype(np.float64)
+    ours = octomap_leaves(voxelise(in_float32, VoxelGrid.around(in_float32, 0.05, center_offset=0.5)))
+    theirs = np.load(folder / "original_outputs.npz")[leaves]
+    assert len(ours) == len(theirs)
+    assert set(_in_voxel_halves(ours)) == set(_in_voxel_halves(theirs))
 
 
 def test_the_originals_relative_correspondences_are_ours():
