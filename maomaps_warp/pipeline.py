@@ -14,7 +14,9 @@ from maomaps_warp.model.alignment import Alignment
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.correspondences import Correspondences
 from maomaps_warp.model.paired_poses import PairedPoses
+from maomaps_warp.model.pose_convention import parse_convention
 from maomaps_warp.model.results import InputSummary, NearestScore, NoValue, RayScore, Score, TrajectoryScore
+from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.protocol import PRESETS, Protocol, changes_of
 from maomaps_warp.scoring.pairing import pair_and_align
 from maomaps_warp.scoring.summaries import absolute_score, nearest_score, ray_score, relative_score
@@ -211,8 +213,8 @@ def _notes(gt: Source, est: Source, alignment: Alignment | None) -> tuple[str, .
     cloud, trajectory = est.cloud, est.trajectory
     if gt.trajectory and trajectory and gt.trajectory.pose_frame != trajectory.pose_frame:
         notes.append(
-            f"the ground truth's poses were read as those of the {_whose(gt.trajectory.pose_frame)}, the estimate's as "
-            f"those of the {_whose(trajectory.pose_frame)}; if both are of one kind, relative errors and rays are "
+            f"the ground truth's poses were read as {_meaning(gt.trajectory)}, the estimate's as "
+            f"{_meaning(trajectory)}; if both are of one kind, relative errors and rays are "
             "wrong: see --gt-pose-frame and --est-pose-frame"
         )
     if alignment is not None and alignment.method == "start-pose":
@@ -250,5 +252,5 @@ def _without_effect(
     return (f"without effect on this input: {', '.join(named)}",) if named else ()
 
 
-def _whose(pose_frame: str) -> str:
-    return "camera (z forward)" if pose_frame == "optical" else "robot's body (x forward), and turned"
+def _meaning(trajectory: Trajectory) -> str:
+    return parse_convention(trajectory.pose_frame).meaning

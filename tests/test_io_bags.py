@@ -128,7 +128,7 @@ def test_of_several_candidates_the_named_one_is_read_and_else_all_are_listed(tmp
     assert bag_trajectory(path, topics=["b"]).positions[0, 0] == 1
     listing = r"/a \(geometry_msgs/PoseStamped, 1 message\); /b \(geometry_msgs/PoseStamped, 1 message\)"
     for topics in ([], ["/a", "/b"]):
-        with pytest.raises(InputError, match=rf"2 topics.*--gt-topic/--est-topic NAME: {listing}"):
+        with pytest.raises(InputError, match=rf"2 topics.*--topic NAME: {listing}"):
             bag_trajectory(path, topics=topics)
     with pytest.raises(InputError, match=rf"no topic /c.*{listing}"):
         bag_trajectory(path, topics=["/c"])

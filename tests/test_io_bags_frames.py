@@ -13,6 +13,7 @@ from bags import BagKind, write_bag
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags.frames import MAX_HELD_IMAGES, _joined
+from maomaps_warp.io.images import MAX_COLOR_GAP_NS
 from maomaps_warp.model.camera import Camera
 
 
@@ -57,7 +58,7 @@ def test_memory_stays_flat_over_a_long_bag() -> None:
         ("d", 1),
     ):
         peak = 0
-        for _ in _joined(stamped(topics), "d"):
+        for _ in _joined(stamped(topics), "d", MAX_COLOR_GAP_NS):
             peak = max(peak, len(alive))
         assert peak <= held * (MAX_HELD_IMAGES + 2), topics
 

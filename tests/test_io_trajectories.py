@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 from shared_data import shared_data, shared_reference
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.rotations import (
-    T_BODY_CAMERA,
-    matrices_from_quaternions,
-    matrices_from_rpy,
-    rpy_from_matrices,
-)
+from maomaps_warp.io.rotations import matrices_from_quaternions, matrices_from_rpy, rpy_from_matrices
 from maomaps_warp.io.tables import read_table
 from maomaps_warp.io.trajectories import (
     read_trajectory,
@@ -25,6 +20,7 @@ from maomaps_warp.io.trajectories import (
     write_maomaps_poses,
     write_tum,
 )
+from maomaps_warp.model.pose_convention import T_BODY_CAMERA
 from maomaps_warp.model.trajectory import Trajectory
 
 #: Entries of rotation matrices, dimensionless: a few float64 roundings.

@@ -15,7 +15,7 @@ ROOT = Path(maomaps_warp.__file__).parent
 ALLOWED = {
     "errors": set(),
     "protocol": {"model"},
-    "protocol_files": {"protocol", "errors"},
+    "protocol_files": {"protocol", "map_protocol", "errors"},
     "stopwatch": set(),
     "model": {"errors", "protocol"},
     "kernels": set(),
@@ -36,10 +36,29 @@ ALLOWED = {
         "errors",
         "stopwatch",
     },
+    "checking": {"model", "protocol", "errors"},
+    "merging": {"mapping", "kernels", "model", "protocol", "errors"},
+    "map_protocol": {"protocol", "model"},
+    "map_building": {"io", "mapping", "scoring", "model", "protocol", "errors", "stopwatch"},
+    "jobs": {
+        "map_building",
+        "map_protocol",
+        "checking",
+        "io",
+        "mapping",
+        "merging",
+        "scoring",
+        "sim",
+        "model",
+        "protocol",
+        "errors",
+        "stopwatch",
+    },
     "cli": {
         "pipeline",
-        "demo",
+        "jobs",
         "protocol_files",
+        "map_protocol",
         "io",
         "mapping",
         "report",
@@ -48,15 +67,13 @@ ALLOWED = {
         "errors",
         "stopwatch",
     },
-    "map_building": {"io", "mapping", "scoring", "model", "protocol", "errors", "stopwatch"},
-    "demo": {"map_building", "io", "mapping", "scoring", "sim", "model", "protocol", "errors", "stopwatch"},
     "__init__": {"pipeline", "protocol_files", "io", "report", "model", "protocol", "errors"},
     "__main__": {"cli"},
 }
 
 #: Packages that only the named rooms may import, and only inside functions (kernels apart).
-THIRD_PARTY_ROOMS = {"warp": {"kernels", "mapping", "scoring", "sim", "cli"}}
-ALWAYS_LAZY = {"warp", "scipy", "rosbags", "mcap", "PIL", "trimesh", "ruamel", "rich"}
+THIRD_PARTY_ROOMS = {"warp": {"kernels", "mapping", "scoring", "merging", "sim", "cli"}}
+ALWAYS_LAZY = {"warp", "scipy", "rosbags", "mcap", "PIL", "trimesh", "ruamel", "rich", "small_gicp", "kiss_matcher"}
 
 
 def _modules():

@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from maomaps_warp.cli.options import Debug, Device, JsonFile
+
 
 def demo(
     output: Annotated[
@@ -17,9 +19,9 @@ def demo(
     ] = None,
     frames: Annotated[int, typer.Option(min=2, max=5000, help="Length of the recording, at 10 Hz.")] = 240,
     seed: Annotated[int, typer.Option(min=0, help="Of the flat and of the disturbance.")] = 0,
-    device: Annotated[str, typer.Option(help="auto, cpu or cuda:N.")] = "auto",
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    device: Device = "auto",
+    json_file: JsonFile = None,
+    debug: Debug = False,
 ) -> None:
     """Make a furnished flat, drive a camera through it, disturb the recording as SLAM would, and score it."""
     from maomaps_warp.cli.score import report, run_pipeline
@@ -33,7 +35,7 @@ def demo(
         if json_file is not None:
             check_writable(json_file)
         quiet_warp()
-        from maomaps_warp.demo import make_demo
+        from maomaps_warp.jobs.demo import make_demo
         from maomaps_warp.mapping.device import resolve_device
 
         with progress_clock() as clock:

@@ -6,11 +6,13 @@ from typing import Annotated
 
 import typer
 
+from maomaps_warp.cli.options import Debug
+
 
 def explain(
     name: Annotated[str, typer.Argument(help="maomaps, paper, slam_comparison, or a .toml file")] = "maomaps",
     toml: Annotated[bool, typer.Option("--toml", help="Print it as a TOML file to edit.")] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    debug: Debug = False,
 ) -> None:
     """Print a protocol's formulas and constants with their sources."""
     from maomaps_warp.cli.terminal import user_errors

@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from maomaps_warp.cli.options import (
+    CameraText,
+    Debug,
+    Device,
+    Format,
+    JsonFile,
+    PoseFrame,
+    Run,
+    Topics,
+    YawCorrection,
+    camera_of,
+    yaw_of,
+)
 from maomaps_warp.protocol import AlignMethod, MatchMethod, PoseChoice
 
 if TYPE_CHECKING:
@@ -16,15 +29,6 @@ if TYPE_CHECKING:
     from maomaps_warp.pipeline import ScoredRun
     from maomaps_warp.protocol import Protocol
     from maomaps_warp.stopwatch import Stopwatch
-
-_Topics = Annotated[list[str] | None, typer.Option(metavar="TOPIC", help="A bag's topic to use; repeatable.")]
-_Format = Annotated[
-    str, typer.Option(help="Read it as: tum, kitti, euroc, maomaps, pcd, ply, xyz, npz, bag, sample, tum-rgbd, ...")
-]
-_PoseFrame = Annotated[
-    Literal["auto", "optical", "body"],
-    typer.Option(help="Whose poses the input holds: the camera's (z forward) or the robot's (x forward, z up)."),
-]
 
 
 def score(
@@ -38,13 +42,13 @@ def score(
     gt_trajectory: Annotated[Path | None, typer.Option(help="Ground-truth trajectory, likewise.")] = None,
     est_map: Annotated[Path | None, typer.Option(help="Estimated map, instead of that of --est.")] = None,
     est_trajectory: Annotated[Path | None, typer.Option(help="Estimated trajectory, likewise.")] = None,
-    run: Annotated[Literal["first", "second"] | None, typer.Option(help="Run of a MAOMaps sample directory.")] = None,
-    gt_topic: _Topics = None,
-    est_topic: _Topics = None,
-    gt_format: _Format = "auto",
-    est_format: _Format = "auto",
-    gt_pose_frame: _PoseFrame = "auto",
-    est_pose_frame: _PoseFrame = "auto",
+    run: Run = None,
+    gt_topic: Topics = None,
+    est_topic: Topics = None,
+    gt_format: Format = "auto",
+    est_format: Format = "auto",
+    gt_pose_frame: PoseFrame = "auto",
+    est_pose_frame: PoseFrame = "auto",
     protocol: Annotated[
         str, typer.Option(help="maomaps, paper, slam_comparison, or a .toml file; see `explain`.")
     ] = "maomaps",
@@ -52,9 +56,7 @@ def score(
         AlignMethod | None,
         typer.Option(help="Transform of the estimate, found from the trajectories.", show_default="none"),
     ] = None,
-    yaw_correction: Annotated[
-        float | None, typer.Option(metavar="RAD", help="Added to the yaw of --align start-pose.")
-    ] = None,
+    yaw_correction: YawCorrection = None,
     match: Annotated[
         MatchMethod | None,
         typer.Option(help="Ground truth at the estimate's stamps.", show_default="interpolate"),
@@ -69,15 +71,15 @@ def score(
         PoseChoice | None,
         typer.Option(help="Which of the poses that see an element.", show_default="nearest"),
     ] = None,
-    camera: Annotated[str | None, typer.Option(help="320x240@90, WxH:fx,fy,cx,cy, or a ROS calibration YAML.")] = None,
+    camera: CameraText = None,
     voxel_size: Annotated[float | None, typer.Option(metavar="M", help="Edge of a voxel.", show_default="0.05")] = None,
-    device: Annotated[str, typer.Option(help="auto, cpu or cuda:N.")] = "auto",
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write everything as JSON.")] = None,
+    device: Device = "auto",
+    json_file: JsonFile = None,
     correspondences: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write gx gy gz sx sy sz a line, or .npz with everything."),
     ] = None,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    debug: Debug = False,
 ) -> None:
     """Score a SLAM run: ATE, RPE, AME by nearest neighbour and AME along transferred camera rays.
 
@@ -88,21 +90,21 @@ def score(
     from maomaps_warp.errors import InputError
     from maomaps_warp.io.sources import SourceOptions
 
-    options = {
-        "align": align,
-        "yaw_correction": yaw_correction,
-        "match": match,
-        "max_stamp_gap": max_stamp_gap,
-        "t_offset": t_offset,
-        "pose_choice": pose_choice,
-        "voxel_size": voxel_size,
-    }
     with user_errors(debug):
         check_device_name(device)
+        options = {
+            "align": align,
+            "yaw_correction": yaw_of(yaw_correction),
+            "match": match,
+            "max_stamp_gap": max_stamp_gap,
+            "t_offset": t_offset,
+            "pose_choice": pose_choice,
+            "voxel_size": voxel_size,
+        }
         parts = (gt, est, gt_map, gt_trajectory, est_map, est_trajectory)
         _check_outputs(json_file, correspondences, (directory, *parts))
         rules = _protocol(protocol, options)
-        lens = _camera(camera)
+        lens = camera_of(camera)
         gt_options = SourceOptions(run, tuple(gt_topic or ()), gt_format, gt_pose_frame, lens)
         est_options = SourceOptions(run, tuple(est_topic or ()), est_format, est_pose_frame, lens)
         if directory is not None and any(part is not None for part in parts):
@@ -184,12 +186,6 @@ def _protocol(name: str, options: dict[str, Any]) -> Protocol:
     for field, value in given.items():
         protocol = with_overrides(protocol, {field: value}, "--" + field.replace("_", "-"))
     return protocol
-
-
-def _camera(spec: str | None) -> Camera | None:
-    from maomaps_warp.io.cameras import parse_camera
-
-    return None if spec is None else parse_camera(spec)
 
 
 def _open_side(

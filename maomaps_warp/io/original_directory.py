@@ -6,9 +6,9 @@ from pathlib import Path
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.clouds import read_cloud
-from maomaps_warp.io.rotations import T_BODY_CAMERA
-from maomaps_warp.io.source import Part, PoseFrame, Side, Source, notes_of
+from maomaps_warp.io.source import Part, Side, Source, notes_of
 from maomaps_warp.io.trajectory_formats import read_maomaps_poses
+from maomaps_warp.model.pose_convention import parse_convention
 from maomaps_warp.model.trajectory import Trajectory
 
 _PREFIXES = {"gt": "gt", "est": "slam"}
@@ -20,14 +20,14 @@ def is_original_directory(path: Path) -> bool:
     return any((path / name).is_file() for name in ("slam_points.txt", "slam_poses.txt"))
 
 
-def read_original_side(path: Path, side: Side, *, pose_frame: PoseFrame = "auto", part: Part = "all") -> Source:
+def read_original_side(path: Path, side: Side, *, pose_frame: str = "auto", part: Part = "all") -> Source:
     """Map and poses of one side.
 
     Args:
         path: a directory with gt_points.txt, gt_poses.txt, slam_points.txt and slam_poses.txt. Points are
             `x y z` lines or a PCD file under the same name, poses `x y z roll pitch yaw` lines.
         side: which of them.
-        pose_frame: whose poses they are; "auto" is the body frame (x forward, y left, z up).
+        pose_frame: what the poses mean, see `parse_convention`; "auto" is the body frame (x forward, y left, z up).
         part: what is wanted of it.
 
     Returns:
@@ -49,7 +49,8 @@ def read_original_side(path: Path, side: Side, *, pose_frame: PoseFrame = "auto"
         if len(poses["gt"]) != len(poses["est"]):
             found = f"gt_poses.txt has {len(poses['gt'])} poses, slam_poses.txt has {len(poses['est'])}"
             raise InputError(path, found, "poses are paired by index; files with stamps can be given as --gt and --est")
-        T, frame = (poses[side], "optical") if pose_frame == "optical" else (poses[side] @ T_BODY_CAMERA, "body")
+        frame = "body" if pose_frame == "auto" else pose_frame
+        T = parse_convention(frame).camera_poses(poses[side])
         note = "poses are paired by index"
         trajectory = Trajectory(T, source=str(files[side]), pose_frame=frame, notes=(note,))
     notes = notes_of(cloud, trajectory)

@@ -1,4 +1,4 @@
-"""Rotations as files write them, and the two camera conventions."""
+"""Rotations as files write them."""
 
 from __future__ import annotations
 
@@ -16,13 +16,6 @@ QUATERNION_NORM_TOLERANCE = 0.01
 #: Largest entry of |R^T R - I| of a rotation matrix, dimensionless. Text of four decimals moves it by 2e-4,
 #: of six to nine digits by far less; a similarity's scale or wrong columns move it by more.
 ORTHONORMALITY_TOLERANCE = 1e-3
-
-#: (4, 4) float64. Optical-frame coordinates (x right, y down, z forward) to body-frame coordinates (x
-#: forward, y left, z up), the same origin.
-T_BODY_CAMERA: NDArray[np.float64] = np.array(
-    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-)
-T_BODY_CAMERA.setflags(write=False)
 
 
 def checked_quaternions(xyzw: NDArray[np.float64], where_of: Callable[[int], str]) -> NDArray[np.float64]:

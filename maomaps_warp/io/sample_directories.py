@@ -9,7 +9,7 @@ import numpy as np
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.clouds import read_cloud
-from maomaps_warp.io.source import Part, PoseFrame, Source, notes_of
+from maomaps_warp.io.source import Part, Source, notes_of
 from maomaps_warp.io.tables import data_rows, decode_text, parse_rows, read_bytes, read_table
 from maomaps_warp.io.trajectories import are_byte_values, read_trajectory
 from maomaps_warp.model.cloud import PointCloud
@@ -27,13 +27,13 @@ def is_sample_directory(path: Path) -> bool:
     return any((path / name.format(run=run)).is_file() for run in RUNS for name in names)
 
 
-def read_sample(path: Path, run: str | None, *, pose_frame: PoseFrame = "auto", part: Part = "all") -> Source:
+def read_sample(path: Path, run: str | None, *, pose_frame: str = "auto", part: Part = "all") -> Source:
     """Read one run of a MAOMaps sample directory.
 
     Args:
         path: the directory.
         run: "first" or "second"; None is refused, for the two are different recordings.
-        pose_frame: whose poses they are; "auto" is the body frame (x forward, y left, z up).
+        pose_frame: what the poses mean, see `parse_convention`; "auto" is the body frame (x forward, y left, z up).
         part: what is wanted of it.
 
     Raises:

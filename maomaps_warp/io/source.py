@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.io.images import MAX_COLOR_GAP_NS
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.cloud import PointCloud
 from maomaps_warp.model.frame import FrameStream
 from maomaps_warp.model.trajectory import Trajectory
 
-Side = Literal["gt", "est"]
+#: Whose input it is: of a comparison, or the only one of a command; options are named after it.
+Side = Literal["gt", "est", "one"]
 #: What is wanted of a path: everything, what a map can be made of, or the poses. What is not wanted is not read:
 #: it may be missing, damaged or ambiguous.
 Part = Literal["all", "map", "trajectory"]
-#: Whose poses a file holds; "auto" is what its format usually holds.
-PoseFrame = Literal["auto", "optical", "body"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +57,22 @@ class SourceOptions:
         run: "first" or "second" of a MAOMaps sample directory.
         topics: topics of a bag, in any order; whatever they leave open is found by type.
         format: one of `source_kinds.FORMATS`; "auto" recognises it.
-        pose_frame: whose poses a text file or a topic holds: "auto", "optical" or "body".
+        pose_frame: what the recorded poses mean: a text for `parse_convention`; "auto" is the format's.
         camera: what to use instead of the camera that the source states.
+        max_color_gap_ns: largest distance of the stamps of a depth image and its colours in a bag, ns.
     """
 
     run: str | None = None
     topics: tuple[str, ...] = ()
     format: str = "auto"
-    pose_frame: PoseFrame = "auto"
+    pose_frame: str = "auto"
     camera: Camera | None = None
+    max_color_gap_ns: int = MAX_COLOR_GAP_NS
+
+
+def option(side: Side, name: str) -> str:
+    """How the command line calls an option of one side: "--gt-topic", or "--topic" where there is one input."""
+    return f"--{name}" if side == "one" else f"--{side}-{name}"
 
 
 def notes_of(*parts: Trajectory | PointCloud | None) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import cast, get_args
 
@@ -12,7 +13,7 @@ from maomaps_warp.io.clouds import CloudFormat, read_cloud, recognise_cloud
 from maomaps_warp.io.original_directory import is_original_directory, read_original_side
 from maomaps_warp.io.rgbd_folders import LAYOUTS, read_rgbd_folder, recognise_rgbd_folder
 from maomaps_warp.io.sample_directories import is_sample_directory, read_sample
-from maomaps_warp.io.source import Part, Side, Source, SourceOptions
+from maomaps_warp.io.source import Part, Side, Source, SourceOptions, option
 from maomaps_warp.io.tables import HEAD_BYTES, column_count, read_bytes, read_table, signature
 from maomaps_warp.io.trajectories import (
     TRAJECTORY_NAMES,
@@ -20,6 +21,7 @@ from maomaps_warp.io.trajectories import (
     read_trajectory,
     recognise_trajectory,
 )
+from maomaps_warp.model.pose_convention import parse_convention
 
 TRAJECTORY_FORMATS: tuple[str, ...] = get_args(TrajectoryFormat)
 CLOUD_FORMATS: tuple[str, ...] = get_args(CloudFormat)
@@ -48,7 +50,12 @@ def open_part(path: Path, options: SourceOptions, side: Side, part: Part) -> Sou
         InputError: it is absent, unknown or damaged.
     """
     if options.format not in FORMATS:
-        raise InputError(f"--{side}-format {options.format}", "is no format", f"allowed: {', '.join(FORMATS)}")
+        raise InputError(f"{option(side, 'format')} {options.format}", "is no format", f"allowed: {', '.join(FORMATS)}")
+    if options.pose_frame != "auto":
+        try:
+            parse_convention(options.pose_frame)
+        except ValueError as error:
+            raise InputError(f"{option(side, 'pose-frame')} {options.pose_frame}", str(error)) from None
     if not path.exists():
         raise InputError(path, "no such file or folder")
     other = {"all": (), "map": TRAJECTORY_FORMATS, "trajectory": CLOUD_FORMATS}[part]
@@ -57,7 +64,7 @@ def open_part(path: Path, options: SourceOptions, side: Side, part: Part) -> Sou
         format = _recognise(path, side, part)
         _check_name(path, format, side)
     elif format in _FOLDER_FORMATS and not path.is_dir():
-        raise InputError(path, "is a file", f"--{side}-format {format} is a folder")
+        raise InputError(path, "is a file", f"{option(side, 'format')} {format} is a folder")
     return _OPENERS[format](path, format, options, side, part)
 
 
@@ -67,7 +74,7 @@ def _check_name(path: Path, format: str, side: Side) -> None:
     meant = _MEANT_BY_SUFFIX.get(suffix)
     if path.is_file() and meant is not None and format != meant:
         found = f"is named {suffix} but holds {format}"
-        raise InputError(path, found, f"rename it, or say --{side}-format {format}")
+        raise InputError(path, found, f"rename it, or say {option(side, 'format')} {format}")
 
 
 def _recognise(path: Path, side: Side, part: Part) -> str:
@@ -87,7 +94,9 @@ def _recognise(path: Path, side: Side, part: Part) -> str:
     if known == "maomaps" and (part == "map" or path.suffix.lower() == ".xyz"):
         known = "xyz"  # six columns are points with normals where poses cannot be meant
     if known is None:
-        raise InputError(path, f"cannot be recognised: {_looks_like(path)}", f"{_ACCEPTED}; --{side}-format names one")
+        raise InputError(
+            path, f"cannot be recognised: {_looks_like(path)}", f"{_ACCEPTED}; {option(side, 'format')} names one"
+        )
     return known
 
 
@@ -139,7 +148,11 @@ def _open_sample(path: Path, format: str, options: SourceOptions, side: Side, pa
 
 
 def _open_rgbd(path: Path, format: str, options: SourceOptions, side: Side, part: Part) -> Source:
-    return read_rgbd_folder(path, layout=format, camera=options.camera, part=part)
+    source = read_rgbd_folder(path, layout=format, camera=options.camera, part=part)
+    if source.trajectory is None or options.pose_frame == "auto":
+        return source
+    T = parse_convention(options.pose_frame).camera_poses(source.trajectory.T_world_camera)
+    return replace(source, trajectory=replace(source.trajectory, T_world_camera=T, pose_frame=options.pose_frame))
 
 
 def _open_bag(path: Path, format: str, options: SourceOptions, side: Side, part: Part) -> Source:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags import recognise_bag
 from maomaps_warp.io.original_directory import is_original_directory
-from maomaps_warp.io.source import Side, Source, SourceOptions
+from maomaps_warp.io.source import Side, Source, SourceOptions, option
 from maomaps_warp.io.source_kinds import FORMATS, open_part
 from maomaps_warp.model.frame import FrameStream
 from maomaps_warp.model.trajectory import Trajectory
@@ -57,8 +57,8 @@ def open_source(
         InputError: something is absent, unknown or damaged, or there are neither poses nor points.
     """
     if map_path and trajectory_path:
-        found = f"--{side}-map and --{side}-trajectory leave nothing to take from it"
-        raise InputError(path, found, f"give --{side} and one of them, or both of them alone")
+        found = f"{option(side, 'map')} and {option(side, 'trajectory')} leave nothing to take from it"
+        raise InputError(path, found, "give the whole and one of them, or both of them alone")
     if map_path or trajectory_path:
         return source_from_parts(map_path or path, trajectory_path or path, options, side)
     _check_topics_have_a_bag(options, side, path)
@@ -85,13 +85,13 @@ def source_from_parts(
         part = open_part(map_path, options, side, "map")
         if part.cloud is None and part.frames is None:
             found = f"holds no map (it was read as: {part.kind})"
-            raise InputError(map_path, found, f"a map is points or depth images; see --{side}-format")
+            raise InputError(map_path, found, f"a map is points or depth images; see {option(side, 'format')}")
         parts.append(part)
     if trajectory_path:
         part = open_part(trajectory_path, options, side, "trajectory")
         if part.trajectory is None:
             found = f"holds no poses (it was read as: {part.kind})"
-            raise InputError(trajectory_path, found, f"a trajectory is poses; see --{side}-format")
+            raise InputError(trajectory_path, found, f"a trajectory is poses; see {option(side, 'format')}")
         parts.append(part)
     return _checked(_joined(*parts) if len(parts) == 2 else parts[0], side)
 
@@ -118,7 +118,9 @@ def _joined(map_part: Source, trajectory_part: Source) -> Source:
 def _check_topics_have_a_bag(options: SourceOptions, side: Side, *paths: Path) -> None:
     if options.topics and not any(recognise_bag(path) for path in paths):
         given = " and ".join(map(str, paths))
-        raise InputError(f"--{side}-topic {options.topics[0]}", f"{given}: not a bag", "topics are only in bags")
+        raise InputError(
+            f"{option(side, 'topic')} {options.topics[0]}", f"{given}: not a bag", "topics are only in bags"
+        )
 
 
 def _checked(source: Source, side: Side) -> Source:
@@ -127,7 +129,7 @@ def _checked(source: Source, side: Side) -> Source:
         raise InputError(
             source.name,
             f"holds depth images without poses (it was read as: {source.kind})",
-            f"give the poses with --{side}-trajectory",
+            f"give the poses with {option(side, 'trajectory')}",
         )
     if source.trajectory is not None:
         _check_reach(source.trajectory.source, "pose", source.trajectory.positions)
@@ -155,5 +157,5 @@ def _check_pairing(frames: FrameStream, trajectory: Trajectory, side: Side) -> N
         return
     if trajectory.stamps_ns is None or next(frames.read(False)).stamp_ns is None:
         found = f"{len(trajectory)} poses for the {frames.count} depth images of {frames.source}"
-        hint = f"without stamps they pair by index; give poses with stamps, or as many, by --{side}-trajectory"
+        hint = f"without stamps they pair by index; give poses with stamps, or as many, by {option(side, 'trajectory')}"
         raise InputError(trajectory.source, found, hint)

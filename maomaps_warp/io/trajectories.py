@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
-from maomaps_warp.io.rotations import T_BODY_CAMERA, quaternions_from_matrices, rpy_from_matrices
-from maomaps_warp.io.source import PoseFrame
+from maomaps_warp.io.rotations import quaternions_from_matrices, rpy_from_matrices
 from maomaps_warp.io.stamp_order import check_stamp_order, seconds_text
 from maomaps_warp.io.tables import HEAD_BYTES, column_count, not_of_kind, read_bytes, read_table
 from maomaps_warp.io.trajectory_formats import (
@@ -24,6 +23,7 @@ from maomaps_warp.io.trajectory_formats import (
     read_tum_rows,
     timestamps_beside,
 )
+from maomaps_warp.model.pose_convention import T_BODY_CAMERA, parse_convention
 from maomaps_warp.model.trajectory import Trajectory
 
 TrajectoryFormat = Literal["tum", "kitti", "euroc", "maomaps"]
@@ -46,16 +46,16 @@ def read_trajectory(
     path: Path,
     *,
     format: TrajectoryFormat | Literal["auto"] = "auto",
-    pose_frame: PoseFrame = "auto",
+    pose_frame: str = "auto",
 ) -> Trajectory:
     """Reads camera poses from a text file.
 
     Args:
         path: the file; stamps of KITTI and MAOMaps poses are looked for beside it.
         format: "auto" recognises it by its content.
-        pose_frame: whose poses the file holds: the camera's optical frame, or a body frame (x forward, y
-            left, z up) that shares the camera's origin, in which case T_world_camera = T_world_body
-            T_body_camera. "auto" is body for MAOMaps and optical for all others.
+        pose_frame: what the file's poses mean, see `parse_convention`: "optical" if they are the camera's,
+            "body" if those of a body frame (x forward, y left, z up) that shares the camera's origin, and so
+            on. "auto" is body for MAOMaps and optical for all others.
 
     Returns:
         Poses in the optical frame, at least one. Stamps are None where the source has none.
@@ -67,8 +67,6 @@ def read_trajectory(
     path = Path(path)
     if format not in ("auto", *_READERS):
         raise ValueError(f"format must be auto or one of {', '.join(_READERS)}, got {format!r}")
-    if pose_frame not in get_args(PoseFrame):
-        raise ValueError(f"pose_frame must be one of {get_args(PoseFrame)}, got {pose_frame!r}")
     known = recognise_trajectory(path) if format == "auto" else format
     if known is None:
         raise not_of_kind(path, "a trajectory", _FORMATS_HINT, COLUMN_MEANINGS)
@@ -77,9 +75,16 @@ def read_trajectory(
     if stamps_ns is not None:
         keep, more = check_stamp_order(stamps_ns, T, rows.where_stamp)
         T, stamps_ns, notes = T[keep], stamps_ns[keep], (*notes, *more)
-    is_body = known == "maomaps" if pose_frame == "auto" else pose_frame == "body"
-    frame = "body" if is_body else "optical"
-    return Trajectory(T @ T_BODY_CAMERA if is_body else T, stamps_ns, str(path), pose_frame=frame, notes=notes)
+    usual = "body" if known == "maomaps" else "optical"
+    frame = usual if pose_frame == "auto" else pose_frame
+    return Trajectory(
+        parse_convention(frame).camera_poses(T),
+        stamps_ns,
+        str(path),
+        pose_frame=frame,
+        is_assumed=pose_frame == "auto" and known != "maomaps",
+        notes=notes,
+    )
 
 
 def recognise_trajectory(path: Path) -> TrajectoryFormat | None:

@@ -19,7 +19,8 @@ class Trajectory:
             source has none, in which case poses pair with another trajectory's, or with frames, by index.
         source: what it was read from, for messages.
         frame_id: the world's name where the source states one, else empty.
-        pose_frame: whose poses the source was taken to hold, "optical" or "body" (turned to optical by the reader).
+        pose_frame: what the source's poses were taken to mean (a text for `parse_convention`) and turned from.
+        is_assumed: neither the source nor the user said so: such sources usually mean it.
         notes: what the reader dropped or decided, one short sentence each.
     """
 
@@ -28,6 +29,7 @@ class Trajectory:
     source: str = "trajectory"
     frame_id: str = ""
     pose_frame: str = "optical"
+    is_assumed: bool = False
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

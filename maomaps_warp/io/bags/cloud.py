@@ -36,7 +36,9 @@ def read_bag_cloud(contents: BagContents) -> PointCloud:
     if not finite.any():
         total = len(points)
         found = f"all {total} points of the last cloud are NaN or infinite" if total else "the last cloud is empty"
-        raise InputError(where, found, "choose another topic with --gt-topic/--est-topic NAME, or check the recording")
+        raise InputError(
+            where, found, f"choose another topic with {contents.topic_option} NAME, or check the recording"
+        )
     if topic.count > 1:
         notes = (f"{topic.name}: the last of {topic.count} clouds is used", *notes)
     return PointCloud(

@@ -42,17 +42,20 @@ def read_bag_camera(contents: BagContents) -> Camera | None:
     return camera_from_info(contents.bag.first_message(topic), f"{contents.path}, topic {topic.name}")
 
 
-def read_bag_frames(contents: BagContents, *, camera: Camera | None) -> FrameStream:
+def read_bag_frames(
+    contents: BagContents, *, camera: Camera | None, max_color_gap_ns: int = MAX_COLOR_GAP_NS
+) -> FrameStream:
     """The depth images of a bag's named topic, or else of the only one, with their colour images, as a stream.
 
     Depth is recognised by its encoding (32FC1 in metres; 16UC1 and mono16 in millimetres; compressedDepth).
-    A depth image takes the colour image of the nearest header stamp, at most MAX_COLOR_GAP_NS away; without
+    A depth image takes the colour image of the nearest header stamp, at most `max_color_gap_ns` away; without
     such a partner it has no colours. At most MAX_HELD_IMAGES of each wait for partners, so that memory stays
     flat: colours that were logged later than that many depth images are not joined.
 
     Args:
         contents: the open bag; the stream opens it anew for each reading.
         camera: the intrinsics; None to take them from the bag's camera_info.
+        max_color_gap_ns: largest distance of the stamps of a depth image and its colours, ns; 0: equal stamps.
 
     Raises:
         InputError: no or several candidates (lists them), no camera; and while reading: damaged images,
@@ -67,17 +70,21 @@ def read_bag_frames(contents: BagContents, *, camera: Camera | None) -> FrameStr
 
     def read(with_colors: bool) -> Iterator[Frame]:
         color = contents.choose("colors") if with_colors and contents.colors else None
-        return _read_frames(path, depth, color, intrinsics)
+        return _read_frames(path, depth, color, intrinsics, max_color_gap_ns)
 
     return FrameStream(camera=intrinsics, count=depth.count, read=read, source=f"{path}, topic {depth.name}")
 
 
-def _read_frames(path: Path, depth: Topic, color: Topic | None, camera: Camera) -> Iterator[Frame]:
+def _read_frames(
+    path: Path, depth: Topic, color: Topic | None, camera: Camera, max_color_gap_ns: int
+) -> Iterator[Frame]:
     depth_place = f"{path}, topic {depth.name}"
     last_ns = 0
     with open_bag(path) as bag:
         stamped = _stamped(bag, [depth.name] if color is None else [depth.name, color.name])
-        pairs = _joined(stamped, depth.name) if color is not None else ((x, None) for _, *x in stamped)
+        pairs = (
+            _joined(stamped, depth.name, max_color_gap_ns) if color is not None else ((x, None) for _, *x in stamped)
+        )
         for index, ((stamp_ns, message), partner) in enumerate(pairs):
             where = f"{depth_place}, message {index + 1}"
             if stamp_ns <= last_ns:
@@ -102,7 +109,9 @@ def _stamped(bag: Bag, names: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
         yield name, header_stamp_ns(message.header, where), message
 
 
-def _joined(stamped: Iterable[tuple[str, int, Any]], depth_name: str) -> Iterator[tuple[tuple[int, Any], Any | None]]:
+def _joined(
+    stamped: Iterable[tuple[str, int, Any]], depth_name: str, max_gap_ns: int
+) -> Iterator[tuple[tuple[int, Any], Any | None]]:
     """Depth messages in their order, each with the colour message of the nearest stamp or None.
 
     A depth message is settled as soon as a colour message is not older than it: later ones are only farther.
@@ -112,18 +121,18 @@ def _joined(stamped: Iterable[tuple[str, int, Any]], depth_name: str) -> Iterato
     for name, stamp_ns, message in stamped:
         (depths if name == depth_name else colors).append((stamp_ns, message))
         while depths and (len(depths) > MAX_HELD_IMAGES or (colors and colors[-1][0] >= depths[0][0])):
-            yield depths[0], _nearest(colors, depths.popleft()[0])
+            yield depths[0], _nearest(colors, depths.popleft()[0], max_gap_ns)
     while depths:
-        yield depths[0], _nearest(colors, depths.popleft()[0])
+        yield depths[0], _nearest(colors, depths.popleft()[0], max_gap_ns)
 
 
-def _nearest(colors: Iterable[tuple[int, Any]], stamp_ns: int) -> Any | None:
+def _nearest(colors: Iterable[tuple[int, Any]], stamp_ns: int, max_gap_ns: int) -> Any | None:
     gap, message = min(
         ((abs(stamp - stamp_ns), message) for stamp, message in colors),
         key=lambda pair: pair[0],
-        default=(MAX_COLOR_GAP_NS + 1, None),
+        default=(max_gap_ns + 1, None),
     )
-    return message if gap <= MAX_COLOR_GAP_NS else None
+    return message if gap <= max_gap_ns else None
 
 
 def _same_namespace(image: str, info: str) -> bool:

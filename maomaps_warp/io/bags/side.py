@@ -9,7 +9,7 @@ from maomaps_warp.io.bags.cloud import read_bag_cloud
 from maomaps_warp.io.bags.frames import read_bag_camera, read_bag_frames
 from maomaps_warp.io.bags.topics import BagContents, open_contents
 from maomaps_warp.io.bags.trajectory import read_bag_trajectory
-from maomaps_warp.io.source import Part, Side, Source, SourceOptions, camera_or_note, notes_of
+from maomaps_warp.io.source import Part, Side, Source, SourceOptions, camera_or_note, notes_of, option
 from maomaps_warp.io.tables import HEAD_BYTES, read_bytes, signature
 
 
@@ -26,7 +26,7 @@ def read_bag(path: Path, options: SourceOptions, side: Side, part: Part = "all")
     Raises:
         InputError: a damaged bag, no or several topics of a kind, or nothing of what is wanted.
     """
-    with open_contents(path, options.topics) as contents:
+    with open_contents(path, options.topics, option(side, "topic")) as contents:
         cloud = frames = trajectory = None
         camera = options.camera
         notes: tuple[str, ...] = ()
@@ -41,7 +41,7 @@ def read_bag(path: Path, options: SourceOptions, side: Side, part: Part = "all")
                     camera, more = camera_or_note(lambda: read_bag_camera(contents))
                     notes += more
             elif contents.depths:
-                frames = read_bag_frames(contents, camera=camera)
+                frames = read_bag_frames(contents, camera=camera, max_color_gap_ns=options.max_color_gap_ns)
                 camera = frames.camera
         if part != "map" and contents.poses:
             trajectory = read_bag_trajectory(contents, pose_frame=options.pose_frame)
@@ -67,7 +67,7 @@ def _takes_cloud(contents: BagContents, side: Side) -> tuple[bool, tuple[str, ..
         return bool(clouds), ()
     # What a method puts out as its map is the estimate; the ground truth's clouds are often single scans.
     chosen = "the clouds are the map" if side == "est" else "the depth makes the map"
-    return side == "est", (f"of clouds and depth images in the bag, {chosen}; --{side}-topic decides",)
+    return side == "est", (f"of clouds and depth images in the bag, {chosen}; {option(side, 'topic')} decides",)
 
 
 def _kind_of(path: Path) -> str:

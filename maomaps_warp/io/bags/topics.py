@@ -30,7 +30,6 @@ _ROLE_WORDS: dict[Role, str] = {
     "colors": "colour images (rgb8, bgr8, rgba8, bgra8, mono8, jpeg, png)",
     "camera_infos": "intrinsics (CameraInfo)",
 }
-_TOPIC_OPTION = "--gt-topic/--est-topic NAME"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +39,7 @@ class BagContents:
     Attributes:
         bag: the bag.
         wanted: names that the user gave, in any role; each is in the bag and of use.
+        topic_option: how the command line calls the option that names topics.
         poses: trajectories.
         clouds: maps.
         depths, colors: images, told apart by the encoding that their first message states.
@@ -49,6 +49,7 @@ class BagContents:
 
     bag: Bag
     wanted: tuple[str, ...] = ()
+    topic_option: str = "--topic"
     poses: tuple[Topic, ...] = ()
     clouds: tuple[Topic, ...] = ()
     depths: tuple[Topic, ...] = ()
@@ -83,7 +84,7 @@ class BagContents:
             return pool[0]
         if not pool:
             raise InputError(self.path, f"no topic with {_ROLE_WORDS[role]}", _listing(self.all))
-        hint = f"choose one with {_TOPIC_OPTION}: {'; '.join(map(str, pool))}"
+        hint = f"choose one with {self.topic_option} NAME: {'; '.join(map(str, pool))}"
         raise InputError(self.path, f"{len(pool)} topics with {_ROLE_WORDS[role]}", hint)
 
     def check_names(self) -> None:
@@ -110,7 +111,7 @@ class BagContents:
             raise InputError(
                 f"{self.path}, topic {meant[0].name}",
                 f"images of encoding {meant[0].encoding!r} hold no depth that can be read",
-                f"allowed: {_ROLE_WORDS['depths']}; for the poses alone name their topic with {_TOPIC_OPTION}",
+                f"allowed: {_ROLE_WORDS['depths']}; for the poses alone name their topic with {self.topic_option} NAME",
             )
         return (f"no map: {self.colors[0].name} holds colours and no topic holds depth",) if self.colors else ()
 
@@ -123,12 +124,13 @@ class BagContents:
 
 
 @contextmanager
-def open_contents(path: Path, wanted: Sequence[str] = ()) -> Iterator[BagContents]:
+def open_contents(path: Path, wanted: Sequence[str] = (), topic_option: str = "--topic") -> Iterator[BagContents]:
     """Open a bag and tell what its topics can serve as; reads one message of each image topic.
 
     Args:
         path: the bag, of any kind.
         wanted: names of topics that the user gave.
+        topic_option: how the command line calls the option that names topics, for errors.
 
     Raises:
         InputError: not a bag, a damaged one, or one without a wanted topic.
@@ -138,7 +140,9 @@ def open_contents(path: Path, wanted: Sequence[str] = ()) -> Iterator[BagContent
         for topic in bag.topics:
             role, described = _role_of(bag, topic)
             roles.setdefault(role, []).append(described)
-        contents = BagContents(bag, tuple(wanted), **{role: tuple(topics) for role, topics in roles.items()})
+        contents = BagContents(
+            bag, tuple(wanted), topic_option, **{role: tuple(topics) for role, topics in roles.items()}
+        )
         contents.check_names()
         yield contents
 

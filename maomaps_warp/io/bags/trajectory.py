@@ -13,9 +13,9 @@ from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags.messages import header_stamp_ns
 from maomaps_warp.io.bags.reading import Bag, Topic
 from maomaps_warp.io.bags.topics import BagContents
-from maomaps_warp.io.rotations import T_BODY_CAMERA, checked_quaternions, matrices_from_quaternions, poses
-from maomaps_warp.io.source import PoseFrame
+from maomaps_warp.io.rotations import checked_quaternions, matrices_from_quaternions, poses
 from maomaps_warp.io.stamp_order import check_stamp_order
+from maomaps_warp.model.pose_convention import parse_convention
 from maomaps_warp.model.trajectory import Trajectory
 
 _PATH = "nav_msgs/msg/Path"
@@ -48,7 +48,7 @@ class _Poses:
     notes: tuple[str, ...] = ()
 
 
-def read_bag_trajectory(contents: BagContents, *, pose_frame: PoseFrame = "auto") -> Trajectory:
+def read_bag_trajectory(contents: BagContents, *, pose_frame: str = "auto") -> Trajectory:
     """Read the trajectory of the named topic of a bag, or else of the only candidate.
 
     Candidates are nav_msgs/Path (its last message that holds poses), nav_msgs/Odometry, and
@@ -56,9 +56,9 @@ def read_bag_trajectory(contents: BagContents, *, pose_frame: PoseFrame = "auto"
 
     Args:
         contents: the open bag.
-        pose_frame: what the poses are of: the camera's optical frame, or a body (x forward, y left, z up) in
-            whose origin the camera looks forward. "auto" takes Odometry whose child_frame_id does not contain
-            "optical" for a body, everything else for optical.
+        pose_frame: what the poses mean, see `parse_convention`. "auto" takes Odometry whose child_frame_id does
+            not contain "optical" for those of a body (x forward, y left, z up) in whose origin the camera looks
+            forward, everything else for optical; without a child_frame_id that is an assumption.
 
     Returns:
         Poses with the stamps of the headers; the log times are not used.
@@ -81,16 +81,18 @@ def read_bag_trajectory(contents: BagContents, *, pose_frame: PoseFrame = "auto"
     keep, notes = check_stamp_order(recorded.stamps_ns, T_world_pose, place, drop_copies=True)
     T_world_pose = T_world_pose[keep]
     child = recorded.child_frame_id
-    is_body = _is_body(pose_frame, topic, child)
-    if is_body:
+    usual = "body" if topic.type == _ODOMETRY and "optical" not in child else "optical"
+    frame = usual if pose_frame == "auto" else pose_frame
+    if frame == "body":
         body = f"the body {child!r}" if child else "a body"
         notes += (f"{topic.name}: the poses of {body} (x forward, y left, z up) were turned into optical ones",)
     return Trajectory(
-        T_world_camera=T_world_pose @ T_BODY_CAMERA if is_body else T_world_pose,
+        T_world_camera=parse_convention(frame).camera_poses(T_world_pose),
         stamps_ns=recorded.stamps_ns[keep],
         source=where,
         frame_id=recorded.frame_id,
-        pose_frame="body" if is_body else "optical",
+        pose_frame=frame,
+        is_assumed=pose_frame == "auto" and not child,
         notes=recorded.notes + notes,
     )
 
@@ -147,9 +149,3 @@ def _check_positions(recorded: _Poses, place: Callable[[int], str]) -> None:
     if len(bad):
         more = f"; {len(bad)} of {len(recorded.values)} are so" if len(bad) > 1 else ""
         raise InputError(place(int(bad[0])), "the position is not finite" + more, "remove such poses")
-
-
-def _is_body(pose_frame: str, topic: Topic, child_frame_id: str) -> bool:
-    if pose_frame == "auto":
-        return topic.type == _ODOMETRY and "optical" not in child_frame_id
-    return pose_frame == "body"

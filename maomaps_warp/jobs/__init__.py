@@ -1,0 +1,1 @@
+"""The jobs beside scoring, one file each: order, timing, progress; no mathematics, no parsing."""
