@@ -96,7 +96,7 @@ def build_side(
             pose_of_frame(trajectory, source.frames, method=protocol.match, max_gap_s=protocol.stamp_gap),
             grid,
             limits,
-            with_colors=with_colors,
+            colors="rounded" if with_colors else None,
             device=device,
             progress=progress,
         )

@@ -5,10 +5,13 @@ from __future__ import annotations
 import dataclasses
 import tomllib
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.map_protocol import MAP_PRESETS, MapProtocol
 from maomaps_warp.protocol import PRESETS, Protocol
+
+AnyProtocol = TypeVar("AnyProtocol", Protocol, MapProtocol)
 
 
 def load_protocol(name_or_file: str) -> Protocol:
@@ -17,24 +20,37 @@ def load_protocol(name_or_file: str) -> Protocol:
     Raises:
         InputError: neither; or a file with an unknown field or a bad value.
     """
-    if name_or_file in PRESETS:
-        return PRESETS[name_or_file]
+    return _load(name_or_file, PRESETS)
+
+
+def load_map_protocol(name_or_file: str) -> MapProtocol:
+    """The same for protocols of ground-truth maps.
+
+    Raises:
+        InputError: as `load_protocol`.
+    """
+    return _load(name_or_file, MAP_PRESETS)
+
+
+def _load(name_or_file: str, presets: dict[str, AnyProtocol]) -> AnyProtocol:
+    if name_or_file in presets:
+        return presets[name_or_file]
     path = Path(name_or_file)
     if not path.is_file():
         raise InputError(
-            f"protocol {name_or_file}", "no such protocol", f"presets: {', '.join(PRESETS)}; or a .toml file"
+            f"protocol {name_or_file}", "no such protocol", f"presets: {', '.join(presets)}; or a .toml file"
         )
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise InputError(path, f"not a TOML file: {error}") from None
     base = values.pop("base", "maomaps")
-    if not isinstance(base, str) or base not in PRESETS:
-        raise InputError(path, f"base = {base!r}", f"presets: {', '.join(PRESETS)}")
-    return with_overrides(PRESETS[base], {"name": path.stem} | values, str(path))
+    if not isinstance(base, str) or base not in presets:
+        raise InputError(path, f"base = {base!r}", f"presets: {', '.join(presets)}")
+    return with_overrides(presets[base], {"name": path.stem} | values, str(path))
 
 
-def with_overrides(protocol: Protocol, overrides: dict[str, Any], where: str) -> Protocol:
+def with_overrides(protocol: AnyProtocol, overrides: dict[str, Any], where: str) -> AnyProtocol:
     """A protocol with some fields replaced.
 
     Args:
@@ -45,7 +61,7 @@ def with_overrides(protocol: Protocol, overrides: dict[str, Any], where: str) ->
     Raises:
         InputError: an unknown field, or a value it cannot take.
     """
-    hints = get_type_hints(Protocol)
+    hints = get_type_hints(type(protocol))
     unknown = [name for name in overrides if name not in hints]
     if unknown:
         raise InputError(where, f"no such field: {unknown[0]}", f"fields: {', '.join(hints)}")
@@ -80,8 +96,8 @@ def _as_field(name: str, hint: Any, value: Any) -> Any:
     return value
 
 
-def to_toml(protocol: Protocol) -> str:
-    """The protocol as a TOML file that `load_protocol` reads back to an equal one."""
+def to_toml(protocol: Protocol | MapProtocol) -> str:
+    """The protocol as a TOML file that `load_protocol` or `load_map_protocol` reads back to an equal one."""
     lines = []
     for f in dataclasses.fields(protocol):
         value = getattr(protocol, f.name)

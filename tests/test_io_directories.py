@@ -9,7 +9,13 @@ import pytest
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.original_directory import is_original_directory, read_original_side
-from maomaps_warp.io.sample_directories import is_sample_directory, read_sample
+from maomaps_warp.io.sample_directories import (
+    is_sample_directory,
+    read_merged,
+    read_sample,
+    runs_of,
+    sample_directories,
+)
 from maomaps_warp.io.source import Side
 
 # MAOMaps sample directories
@@ -77,6 +83,41 @@ def test_a_start_pose_of_another_form_is_refused(sample: Path, text: str) -> Non
     (sample / "start_pose_first.txt").write_text(text)
     with pytest.raises(InputError, match="start_pose_first"):
         read_sample(sample, "first")
+
+
+def test_every_run_that_is_there_can_be_chosen_and_no_other(sample: Path) -> None:
+    for name in ("gt_points", "gt_poses", "start_pose"):
+        (sample / f"{name}_third.txt").write_text((sample / f"{name}_first.txt").read_text())
+    (sample / "gt_poses_third_timestamps.txt").write_text("7\n8\n")
+    assert runs_of(sample) == ("first", "third")
+    third = read_sample(sample, "third").trajectory
+    assert third is not None and third.stamps_ns is not None and third.stamps_ns[0] == 7_000_000_000
+    for run in (None, "fourth", "merged"):
+        with pytest.raises(InputError, match="--run first or --run second or --run third"):
+            read_sample(sample, run)
+
+
+def test_the_merged_map_is_read_with_its_colours_or_reported_missing(sample: Path) -> None:
+    with pytest.raises(InputError, match="missing: gt_points_merged.txt or gt_points_merged.pcd"):
+        read_merged(sample)
+    for name in ("gt_points", "gt_colors"):
+        (sample / f"{name}_merged.txt").write_text((sample / f"{name}_first.txt").read_text())
+    merged = read_merged(sample)
+    assert len(merged) == 2 and merged.colors is not None and merged.colors.tolist() == [[1, 2, 3], [255, 0, 9]]
+
+
+def test_sample_directories_are_found_and_sorted_as_people_count(tmp_path: Path) -> None:
+    for name in ("sample10", "sample2", "sample1"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "first.bag").write_bytes(b"")
+    (tmp_path / "figures").mkdir()
+    (tmp_path / ".git").mkdir()
+    samples, others = sample_directories(tmp_path)
+    assert [path.name for path in samples] == ["sample1", "sample2", "sample10"]
+    assert [path.name for path in others] == ["figures"]
+    assert sample_directories(tmp_path / "sample2") == ((tmp_path / "sample2",), ())
+    with pytest.raises(InputError, match="no such folder"):
+        sample_directories(tmp_path / "absent")
 
 
 # The original program's directory

@@ -92,7 +92,7 @@ def test_colours_are_rounded_means(device):
         lambda f: np.eye(4),
         _grid(),
         DepthLimits(),
-        with_colors=True,
+        colors="rounded",
         device=device,
     )
     assert build.voxels.counts.tolist() == [2]
@@ -107,7 +107,7 @@ def test_the_table_grows_and_drops_nothing(device, monkeypatch):
     def build():
         stream = _stream(depths, colors)
         return build_voxel_map(
-            stream, lambda f: poses[f.index], _grid(), DepthLimits(), with_colors=True, device=device
+            stream, lambda f: poses[f.index], _grid(), DepthLimits(), colors="rounded", device=device
         )
 
     at_once = build()

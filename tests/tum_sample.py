@@ -72,7 +72,11 @@ def write_run(path: Path, kind: bags.BagKind, frames: TumFrames, run: str, camer
 def write_sample_bags(folder: Path, kind: bags.BagKind = "ros1") -> dict[str, Path]:
     """Both runs as bags in `folder`, by name."""
     frames = read_tum()
-    return {run: write_run(bags.bag_path(folder / run, kind), kind, frames, run) for run in RUNS}
+    written = {}
+    for run in RUNS:
+        (folder / run).mkdir()
+        written[run] = write_run(bags.bag_path(folder / run, kind), kind, frames, run)
+    return written
 
 
 def _ns(seconds: str) -> int:

@@ -8,10 +8,22 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from maomaps_warp.cli.check import check
 from maomaps_warp.cli.demo import demo
+from maomaps_warp.cli.describe import describe
 from maomaps_warp.cli.explain import explain
+from maomaps_warp.cli.extract import extract
+from maomaps_warp.cli.map import map_recording
+from maomaps_warp.cli.merge import merge
+from maomaps_warp.cli.merge_table import merge_table
+from maomaps_warp.cli.pack import pack
+from maomaps_warp.cli.project import project
+from maomaps_warp.cli.sample import sample
 from maomaps_warp.cli.score import score
+from maomaps_warp.cli.score_2d import score_2d
+from maomaps_warp.cli.score_merge import score_merge
 from maomaps_warp.cli.terminal import EXIT_BAD_INPUT, complain
+from maomaps_warp.cli.transform import transform
 
 #: Base of every error about the words of a command; typer exports only this one's child.
 _UsageError: Any = typer.BadParameter.__base__
@@ -69,6 +81,18 @@ def _options(
 app.command()(score)
 app.command()(demo)
 app.command()(explain)
+app.command()(check)
+app.command("map")(map_recording)
+app.command()(sample)
+app.command()(describe)
+app.command()(transform)
+app.command()(extract)
+app.command()(pack)
+app.command()(merge)
+app.command("score-merge")(score_merge)
+app.command("merge-table")(merge_table)
+app.command()(project)
+app.command("score-2d")(score_2d)
 
 
 def main() -> None:

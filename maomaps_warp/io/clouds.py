@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.outputs import write_whole
-from maomaps_warp.io.pcd import FLOAT32_REACH_M, is_pcd, read_pcd, write_pcd
+from maomaps_warp.io.cloud_writing import write_cloud, write_xyz
+from maomaps_warp.io.pcd import is_pcd, read_pcd, write_pcd
 from maomaps_warp.io.ply import read_ply
 from maomaps_warp.io.tables import HEAD_BYTES, column_count, not_of_kind, read_bytes, read_table, signature
 from maomaps_warp.io.trajectories import TRAJECTORY_NAMES, are_byte_values, recognise_trajectory
 from maomaps_warp.model.cloud import PointCloud
 
-__all__ = ["CloudFormat", "read_cloud", "recognise_cloud", "write_pcd", "write_xyz"]
+__all__ = ["CloudFormat", "read_cloud", "recognise_cloud", "write_cloud", "write_pcd", "write_xyz"]
 
 CloudFormat = Literal["pcd", "ply", "xyz", "npz"]
 
@@ -81,25 +81,6 @@ def recognise_cloud(path: Path) -> CloudFormat | None:
     if shape is None or shape[0] < 3 or recognise_trajectory(path) is not None:
         return None
     return "xyz"
-
-
-def write_xyz(path: Path, points: NDArray[np.float64]) -> None:
-    """Writes `x y z` a line in the fewest digits that give the float32 back: "-4.6 -7 0.5".
-
-    Where a coordinate exceeds FLOAT32_REACH_M, all are written in the digits that float64 needs.
-
-    Args:
-        path: the file.
-        points: (N, 3) float64, metres.
-    """
-    large = bool(len(points)) and float(np.abs(points).max()) > FLOAT32_REACH_M
-    numbers = points.astype(np.float64 if large else np.float32) + 0  # + 0 turns -0 into 0
-    # Maps repeat few different coordinates (voxel centres): each is turned into text once.
-    distinct, inverse = np.unique(numbers, return_inverse=True)
-    text = [str(number).removesuffix(".0") for number in distinct]
-    with write_whole(path, "w") as file:
-        for x, y, z in inverse.reshape(-1, 3).tolist():
-            file.write(f"{text[x]} {text[y]} {text[z]}\n")
 
 
 def _read_xyz(path: Path) -> Parts:

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
-from maomaps_warp.io.rotations import checked_quaternions, checked_rotations, matrices_from_quaternions, poses
+from maomaps_warp.io.rotations import (
+    ORTHONORMALITY_TOLERANCE,
+    checked_quaternions,
+    checked_rotations,
+    matrices_from_quaternions,
+    poses,
+)
 from maomaps_warp.io.tables import Table, check_finite, read_table
 
 _FORMS = (
@@ -138,6 +144,20 @@ def _rigid(matrices: NDArray[np.float64], table: Table, lines_each: int) -> tupl
         where = table.where(number * lines_each)
         if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-6):
             raise InputError(where, f"the last row is {matrix[3].tolist()}", "a rigid transform ends in 0 0 0 1")
+        _refuse_similarity(matrix[:3, :3], where)
         rotation = checked_rotations(matrix[None, :3, :3], lambda _row, where=where: where)  # type: ignore[misc]
         found.append(poses(matrix[None, :3, 3], rotation)[0])
     return tuple(found)
+
+
+def _refuse_similarity(matrix: NDArray[np.float64], where: str) -> None:
+    """Raise InputError for a rotation times a scale other than 1, which deserves a better word than "no rotation"."""
+    determinant = float(np.linalg.det(matrix))
+    if determinant <= 0.0:
+        return
+    scale = determinant ** (1 / 3)
+    is_rotation = np.abs(matrix.T @ matrix / scale**2 - np.eye(3)).max() <= ORTHONORMALITY_TOLERANCE
+    if is_rotation and abs(scale - 1.0) > ORTHONORMALITY_TOLERANCE:
+        found = f"a similarity of scale {scale:g}, not a rigid transform"
+        hint = f"divide the upper left 3x3 by its scale; `transform` takes it as --scale {scale:.9g}"
+        raise InputError(where, found, hint)

@@ -7,6 +7,13 @@ alone reads two numbers back.
 
 from maomaps_warp.kernels.association import PosePairs, View, associate, associate_all, in_view, to_camera
 from maomaps_warp.kernels.back_projection import DepthSampling, Pinhole, back_project, integrate_depth
+from maomaps_warp.kernels.back_projection_exact import (
+    ExactPinhole,
+    ExactSampling,
+    back_project_exact,
+    cell_of_exact,
+    integrate_depth_exact,
+)
 from maomaps_warp.kernels.nearest import PointTree, find_nearest, nearest_point
 from maomaps_warp.kernels.render import render_mesh
 from maomaps_warp.kernels.surface import Surface, build_surface, cast_rays, first_surface
@@ -24,6 +31,8 @@ from maomaps_warp.kernels.voxel_hash import (
 
 __all__ = [
     "DepthSampling",
+    "ExactPinhole",
+    "ExactSampling",
     "Pinhole",
     "PointTree",
     "PosePairs",
@@ -34,10 +43,12 @@ __all__ = [
     "associate",
     "associate_all",
     "back_project",
+    "back_project_exact",
     "build_surface",
     "build_voxel_index",
     "cast_rays",
     "cell_of",
+    "cell_of_exact",
     "claim_slot",
     "create_voxel_hash",
     "find_nearest",
@@ -45,6 +56,7 @@ __all__ = [
     "first_surface",
     "in_view",
     "integrate_depth",
+    "integrate_depth_exact",
     "nearest_point",
     "pack_key",
     "rehash",

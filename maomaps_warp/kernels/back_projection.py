@@ -69,6 +69,21 @@ def _integrate_depth_kernel(
             add_sample(table, ijk, color, wp.int64(1))
 
 
+def check_depth_image(depth: wp.array, colors: wp.array | None, stride: int, table: VoxelHash) -> wp.array:
+    """Raise unless a depth image, its colours and the table that takes them fit together; the colours, or (0, 0, 3)."""
+    device = depth.device
+    check_array("depth", depth, wp.float32, (None, None), device)
+    check_table("out_table", table, device)
+    if stride < 1:
+        raise ValueError(f"sampling.stride: expected at least 1, got {stride}")
+    if (colors is None) != (table.color_sums.shape[0] == 0):
+        raise ValueError("colors: expected exactly if out_table keeps colours")
+    if colors is None:
+        return wp.empty((0, 0, 3), dtype=wp.uint8, device=device)
+    check_array("colors", colors, wp.uint8, (*depth.shape, 3), device)
+    return colors
+
+
 def integrate_depth(
     depth: wp.array,
     camera: Pinhole,
@@ -90,18 +105,9 @@ def integrate_depth(
         out_table: takes the samples; those it could not take are counted in its `rejected`.
     """
     device = depth.device
-    height, width = depth.shape
-    check_array("depth", depth, wp.float32, (height, width), device)
+    colors = check_depth_image(depth, colors, sampling.stride, out_table)
     check_array("T_map_camera", T_map_camera, wp.transformf, (1,), device)
-    check_table("out_table", out_table, device)
-    if sampling.stride < 1:
-        raise ValueError(f"sampling.stride: expected at least 1, got {sampling.stride}")
-    if (colors is None) != (out_table.color_sums.shape[0] == 0):
-        raise ValueError("colors: expected exactly if out_table keeps colours")
-    if colors is None:
-        colors = wp.empty((0, 0, 3), dtype=wp.uint8, device=device)
-    else:
-        check_array("colors", colors, wp.uint8, (height, width, 3), device)
+    height, width = depth.shape
     wp.launch(
         _integrate_depth_kernel,
         dim=(-(-height // sampling.stride), -(-width // sampling.stride)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from maomaps_warp.map_protocol import MapProtocol
 from maomaps_warp.protocol import Protocol
 
 _FORMULAS = """\
@@ -29,9 +30,26 @@ Headline  {headline} of the AME; every statistic is printed beside it.
 """
 
 
+_MAP_FORMULAS = """\
+T_a_b takes b-coordinates to a. Camera frame: optical (x right, y down, z forward).
+
+A pixel (u, v) of depth d becomes the point  p = T_world_camera (d (u - cx) / fx, d (v - cy) / fy, d).
+It counts if min_range < its distance to the camera < max_range; its voxel is round(p / voxel_size).
+"""
+
+
 def explain(protocol: Protocol) -> str:
     """Formulas with this protocol's choices filled in, then every constant with value, unit, meaning and source."""
-    text = [f"Protocol {protocol.name}", "", _formulas(protocol), "Constants", ""]
+    return "\n".join([f"Protocol {protocol.name}", "", _formulas(protocol), *_constants(protocol)]) + "\n"
+
+
+def explain_map(protocol: MapProtocol) -> str:
+    """The same for a protocol of ground-truth maps."""
+    return "\n".join([f"Map protocol {protocol.name}", "", _MAP_FORMULAS, *_constants(protocol)]) + "\n"
+
+
+def _constants(protocol: Protocol | MapProtocol) -> list[str]:
+    text = ["Constants", ""]
     for f in dataclasses.fields(protocol):
         if f.name == "name":
             continue
@@ -40,9 +58,10 @@ def explain(protocol: Protocol) -> str:
             value = protocol.stamp_gap
         unit = f" {f.metadata['unit']}" if f.metadata["unit"] else ""
         shown = ", ".join(str(v) for v in value) if isinstance(value, tuple) else str(value)
+        shown = "unset" if value in (None, "") else shown
         text += [f"  {f.name} = {shown}{unit}", f"      {f.metadata['meaning']}"]
         text += [f"      source: {f.metadata['source']}"]
-    return "\n".join(text) + "\n"
+    return text
 
 
 def _formulas(protocol: Protocol) -> str:

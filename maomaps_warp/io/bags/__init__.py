@@ -5,7 +5,7 @@
 `read_bag` does all of it for one side of a comparison. Topics are found by type where there is one candidate.
 """
 
-from maomaps_warp.io.bags.cloud import read_bag_cloud
+from maomaps_warp.io.bags.cloud import read_bag_cloud, read_bag_clouds
 from maomaps_warp.io.bags.frames import read_bag_camera, read_bag_frames
 from maomaps_warp.io.bags.reading import open_bag, recognise_bag
 from maomaps_warp.io.bags.side import read_bag
@@ -19,6 +19,7 @@ __all__ = [
     "read_bag",
     "read_bag_camera",
     "read_bag_cloud",
+    "read_bag_clouds",
     "read_bag_frames",
     "read_bag_trajectory",
     "recognise_bag",

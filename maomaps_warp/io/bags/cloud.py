@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,16 +33,38 @@ def read_bag_cloud(contents: BagContents) -> PointCloud:
     topic = contents.choose("clouds")
     message = contents.bag.last_message(topic)
     where = f"{contents.path}, topic {topic.name}"
-    points, colors, notes = cloud_of(message, where)
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.any():
-        total = len(points)
+    cloud = _finite_cloud(message, where)
+    if not len(cloud):
+        total = cloud.dropped_nonfinite
         found = f"all {total} points of the last cloud are NaN or infinite" if total else "the last cloud is empty"
         raise InputError(
             where, found, f"choose another topic with {contents.topic_option} NAME, or check the recording"
         )
     if topic.count > 1:
-        notes = (f"{topic.name}: the last of {topic.count} clouds is used", *notes)
+        cloud = replace(cloud, notes=(f"{topic.name}: the last of {topic.count} clouds is used", *cloud.notes))
+    return cloud
+
+
+def read_bag_clouds(contents: BagContents) -> Iterator[tuple[int, PointCloud]]:
+    """Read every sensor_msgs/PointCloud2 of the named topic, or else of the only one with clouds, one by one.
+
+    Yields:
+        The stamp of the header as it is, ns, zero included; and the cloud, as `read_bag_cloud` gives it, which may
+        have no point.
+
+    Raises:
+        InputError: no or several candidates (lists them), or a damaged cloud.
+    """
+    topic = contents.choose("clouds")
+    for number, (_, _, message) in enumerate(contents.bag.messages([topic.name]), start=1):
+        stamp = message.header.stamp
+        cloud = _finite_cloud(message, f"{contents.path}, topic {topic.name}, message {number}")
+        yield int(stamp.sec) * 10**9 + int(stamp.nanosec), cloud
+
+
+def _finite_cloud(message: Any, where: str) -> PointCloud:
+    points, colors, notes = cloud_of(message, where)
+    finite = np.isfinite(points).all(axis=1)
     return PointCloud(
         points=points[finite],
         colors=None if colors is None else colors[finite],

@@ -21,14 +21,16 @@ POSE_TYPES = (
 )
 CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
 
-Role = Literal["poses", "clouds", "depths", "colors", "camera_infos"]
+Role = Literal["poses", "clouds", "depths", "colors", "camera_infos", "grids"]
 _ROLE_WORDS: dict[Role, str] = {
     "poses": "poses (Path, Odometry, PoseStamped, PoseWithCovarianceStamped, TransformStamped)",
     "clouds": "point clouds (PointCloud2)",
     "depths": "depth images (32FC1, 16UC1, mono16, compressedDepth)",
     "colors": "colour images (rgb8, bgr8, rgba8, bgra8, mono8, jpeg, png)",
     "camera_infos": "intrinsics (CameraInfo)",
+    "grids": "maps of the ground (OccupancyGrid)",
 }
 
 
@@ -44,6 +46,7 @@ class BagContents:
         clouds: maps.
         depths, colors: images, told apart by the encoding that their first message states.
         camera_infos: intrinsics.
+        grids: maps of the ground; among the others unless they were asked for.
         others: everything else.
     """
 
@@ -55,6 +58,7 @@ class BagContents:
     depths: tuple[Topic, ...] = ()
     colors: tuple[Topic, ...] = ()
     camera_infos: tuple[Topic, ...] = ()
+    grids: tuple[Topic, ...] = ()
     others: tuple[Topic, ...] = ()
 
     @property
@@ -65,7 +69,7 @@ class BagContents:
     @property
     def all(self) -> tuple[Topic, ...]:
         """Every topic."""
-        usable = self.poses + self.clouds + self.depths + self.colors + self.camera_infos
+        usable = self.poses + self.clouds + self.depths + self.colors + self.camera_infos + self.grids
         return usable + self.others
 
     def named(self, role: Role) -> tuple[Topic, ...]:
@@ -124,13 +128,16 @@ class BagContents:
 
 
 @contextmanager
-def open_contents(path: Path, wanted: Sequence[str] = (), topic_option: str = "--topic") -> Iterator[BagContents]:
+def open_contents(
+    path: Path, wanted: Sequence[str] = (), topic_option: str = "--topic", *, with_grids: bool = False
+) -> Iterator[BagContents]:
     """Open a bag and tell what its topics can serve as; reads one message of each image topic.
 
     Args:
         path: the bag, of any kind.
         wanted: names of topics that the user gave.
         topic_option: how the command line calls the option that names topics, for errors.
+        with_grids: whether maps of the ground are of use.
 
     Raises:
         InputError: not a bag, a damaged one, or one without a wanted topic.
@@ -139,7 +146,7 @@ def open_contents(path: Path, wanted: Sequence[str] = (), topic_option: str = "-
         roles: dict[str, list[Topic]] = {}
         for topic in bag.topics:
             role, described = _role_of(bag, topic)
-            roles.setdefault(role, []).append(described)
+            roles.setdefault(role if role != "grids" or with_grids else "others", []).append(described)
         contents = BagContents(
             bag, tuple(wanted), topic_option, **{role: tuple(topics) for role, topics in roles.items()}
         )
@@ -156,6 +163,8 @@ def _role_of(bag: Bag, topic: Topic) -> tuple[str, Topic]:
         return "clouds", topic
     if topic.type == CAMERA_INFO_TYPE:
         return "camera_infos", topic
+    if topic.type == GRID_TYPE:
+        return "grids", topic
     if topic.type in (IMAGE, COMPRESSED_IMAGE):
         encoding = image_encoding(bag.first_message(topic))
         return image_role(topic.type, encoding), replace(topic, encoding=encoding)

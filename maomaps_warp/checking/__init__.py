@@ -1,0 +1,1 @@
+"""Proofs about a recording that need no second one: what its poses mean, its depth unit, its stamps."""
