@@ -188,6 +188,7 @@ def command(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_the_program_exits_with_0_2_or_3_and_never_with_a_traceback(run: Path) -> None:
     good = command(*trajectories(run))
     assert (good.returncode, good.stderr) == (0, "")

@@ -159,7 +159,15 @@ def test_existing_bags_stay_unless_told_otherwise(tmp_path: Path, inputs: Path) 
     assert run("pack", cloud, "-o", out, "--overwrite").exit_code == 0
     assert out.read_bytes().startswith(b"#ROSBAG V2.0")
     refused(tmp_path, "is an input", out, "-o", out, "--overwrite")
-    refused(tmp_path, "no bag", cloud, "-o", inputs, "--overwrite")
+    (inputs / "notes").mkdir()
+    refused(tmp_path, "no bag", cloud, "-o", inputs / "notes", "--overwrite")
+
+
+def test_an_input_inside_the_bag_that_is_replaced_survives(tmp_path: Path, inputs: Path) -> None:
+    out = packed(inputs, tmp_path / "map")
+    write_cloud(out / "cloud.ply", POINTS)
+    refused(tmp_path, "an input", out / "cloud.ply", "-o", out, "--overwrite")
+    assert (out / "cloud.ply").exists()
 
 
 def test_inputs_that_hold_nothing_to_pack_are_refused(tmp_path: Path, inputs: Path) -> None:
@@ -169,6 +177,7 @@ def test_inputs_that_hold_nothing_to_pack_are_refused(tmp_path: Path, inputs: Pa
     refused(tmp_path, "no poses", cloud, "-o", out, "--trajectory", cloud)
     np.savetxt(inputs / "kitti.txt", POSES[:, :3].reshape(-1, 12))
     refused(tmp_path, "no stamps", cloud, "-o", out, "--trajectory", inputs / "kitti.txt")
+    refused(tmp_path, "no stamps", cloud, "-o", out, "--trajectory", inputs / "kitti.txt", "--stamp", "5")
     refused(tmp_path, "no map of the ground", cloud, "-o", out, "--grid", inputs / "poses.txt")
     refused(tmp_path, "`extract`", shared_data("bags_pointcloud") / "embag_test.bag", "-o", out)
     write_cloud(inputs / "far.ply", POINTS + [0, 20_000.0, 0])

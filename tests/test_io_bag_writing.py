@@ -179,6 +179,27 @@ def test_a_bag_is_replaced_only_on_request(tmp_path: Path, kind: BagKind) -> Non
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.parametrize("name", ["replaced", "new", "former"])
+def test_no_name_of_a_folder_stands_in_the_way_of_its_replacement(tmp_path: Path, name: str) -> None:
+    for count in (1, 2):
+        write_bag(tmp_path / name, "ros2", entries("ros2", count), overwrite=True)
+    assert len(read_back(tmp_path / name, "ros2")["/map"]) == 2
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]
+
+
+def test_a_bag_comes_back_if_the_new_one_cannot_take_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_bag(tmp_path / "map", "ros2", entries("ros2", 1))
+
+    def fail(_self: Path, _target: Path) -> Path:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(InputError, match="Input/output error"):
+        write_bag(tmp_path / "map", "ros2", entries("ros2", 2), overwrite=True)
+    assert len(read_back(tmp_path / "map", "ros2")["/map"]) == 1
+    assert [entry.name for entry in tmp_path.iterdir()] == ["map"]
+
+
 def test_a_folder_that_is_no_bag_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "map").mkdir()
     (tmp_path / "map" / "thesis.tex").write_text("precious")

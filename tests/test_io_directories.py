@@ -123,6 +123,12 @@ def test_sample_directories_are_found_and_sorted_as_people_count(tmp_path: Path)
 # The original program's directory
 
 
+def test_digits_of_other_scripts_in_the_names_of_folders_do_no_harm(tmp_path: Path) -> None:
+    for name in ("sample01", "sample1", "\u00b2", "\u0663"):
+        (tmp_path / name).mkdir()
+    assert [folder.name for folder in sample_directories(tmp_path)[1]] == ["sample01", "sample1", "\u00b2", "\u0663"]
+
+
 @pytest.fixture
 def original(tmp_path: Path) -> Path:
     for prefix, shift in (("gt", 0), ("slam", 1)):

@@ -12,7 +12,8 @@ from PIL import Image
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.rgbd_folders import read_rgbd_folder, recognise_rgbd_folder
-from maomaps_warp.io.source import Part, Source
+from maomaps_warp.io.source import Part, Source, SourceOptions
+from maomaps_warp.io.sources import open_source
 from maomaps_warp.model.camera import Camera
 
 #: Half a unit in the last place of float32 at a few metres, metres.
@@ -61,6 +62,13 @@ def tum(tmp_path: Path) -> Path:
     rows = [f"130503122{second}.5 {second} 0 0 0 0 0 1" for second in (8, 9)] + ["1305031230.5 9 0 0 0 0 0 1"]
     (tmp_path / "groundtruth.txt").write_text("# ground truth\n" + "\n".join(rows) + "\n")
     return tmp_path
+
+
+def test_poses_of_a_folder_that_the_user_declared_are_not_assumed(tum: Path) -> None:
+    declared = open_source(tum, SourceOptions(camera=SMALL, pose_frame="body"), "one").trajectory
+    left_open = open_source(tum, SourceOptions(camera=SMALL), "one").trajectory
+    assert declared is not None and declared.pose_frame == "body" and not declared.is_assumed
+    assert left_open is not None and left_open.is_assumed
 
 
 def test_names_of_tum_images_are_stamps_to_the_nanosecond(tum: Path) -> None:

@@ -162,6 +162,16 @@ def test_a_yaml_that_is_none_and_an_image_that_is_none_are_refused(tmp_path):
         read_occupancy(tmp_path / "map.yaml")
 
 
+def test_a_yaml_of_endless_nesting_or_endless_digits_is_refused(tmp_path):
+    path = tmp_path / "map.yaml"
+    path.write_text("[" * 5000)
+    with pytest.raises(InputError, match="not a YAML file"):
+        read_occupancy(path)
+    write_yaml(path, resolution="9" * 400)
+    with pytest.raises(InputError, match="resolution: .* is no number"):
+        read_occupancy(path)
+
+
 def test_an_image_alone_is_refused_and_told_what_it_lacks(tmp_path):
     image = write_image(tmp_path / "map.png", [[0, 254]])
     with pytest.raises(InputError, match=r"how large its cells are.*there is no map\.yaml beside it"):

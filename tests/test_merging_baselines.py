@@ -66,6 +66,7 @@ def test_correlation_finds_yaw_and_shift_of_a_part_that_overlaps(halves, yaw):
     assert 0.8 < placement.confidence <= 1.0
 
 
+@pytest.mark.slow
 def test_correlation_finds_a_small_map_in_a_large_one_and_the_other_way_round():
     large, small = whole(1)[1], room_of(1, "kitchen")
     T = pose((200.0, 0.0, 0.0), (-2.0, 1.0, -0.3))

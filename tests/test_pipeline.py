@@ -278,6 +278,7 @@ def test_the_camera_comes_from_the_option_then_the_estimate_then_the_ground_trut
     assert "the protocol's" in named()
 
 
+@pytest.mark.slow
 def test_memory_holds_one_frame_at_a_time(device):
     alive: list[weakref.ref] = []
     most = 0
