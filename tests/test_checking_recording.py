@@ -114,3 +114,21 @@ def test_a_camera_that_looks_everywhere_tells_no_up():
     T = np.tile(np.eye(4), (60, 1, 1))
     T[:, :3, :3] = Rotation.random(60, random_state=0).as_matrix()
     assert not up_axis(T).is_clear
+
+
+def path(positions, seconds):
+    T = np.tile(np.eye(4), (len(positions), 1, 1))
+    T[:, 0, 3] = positions
+    return Trajectory(T, (np.array(seconds) * 1e9).astype(np.int64))
+
+
+def test_a_jump_is_faster_than_the_rest():
+    number = np.arange(20)
+    walk, at, later = number * 0.1, number * 0.1, number >= 12
+    assert pose_jumps(path(walk, at)) == ()
+    (jump,) = pose_jumps(path(walk + 3.0 * later, at))
+    assert jump.index == 12
+    assert pose_jumps(path(walk + 3.0 * later, at + 5.0 * later)) == ()  # lost for five seconds
+    assert pose_jumps(path(number * 2.0, at)) == ()  # a car
+    assert pose_jumps(path(0.15 * later, number)) == ()  # a camera that rests, and is carried once
+    assert len(pose_jumps(path(walk + 5.0 * (number // 5), at))) == 3  # so many that they are usual

@@ -264,6 +264,8 @@ def test_a_merged_map_that_is_not_the_union_is_noted(dataset: Path) -> None:
         (("data", "--format", "xml"), "--format"),
         (("data", "--output", "absent/table.csv"), "no folder"),
         (("data", "--output", "empty/file"), "--overwrite"),
+        (("data", "--output", "data/sample2/gt_points_first.txt", "--overwrite"), "is an input"),
+        (("data/sample2", "--output", "data/sample2/start_pose_first.txt", "--overwrite"), "is an input"),
     ],
 )
 def test_what_cannot_be_described_is_refused_in_one_line(dataset: Path, arguments, words, monkeypatch) -> None:

@@ -145,6 +145,7 @@ def test_bad_options_are_refused(tmp_path: Path, inputs: Path) -> None:
     for stamp in ("0", "-1", "soon", "nan", "4294967296"):
         refused(tmp_path, "--stamp", cloud, "-o", out, "--stamp", stamp)
     refused(tmp_path, "below 2147483648 s", cloud, "-o", out, "--stamp", "2147483648")
+    refused(tmp_path, "--frame-id: is empty", cloud, "-o", out, "--frame-id", "")
     refused(tmp_path, "no name of a topic", cloud, "-o", out, "--topic", "a topic")
     refused(tmp_path, "is used twice", cloud, "-o", out, *poses, "--path-topic", "map")
     refused(tmp_path, "is used twice", cloud, "-o", out, *poses, *grid, "--grid-topic", "/path")
@@ -154,7 +155,7 @@ def test_existing_bags_stay_unless_told_otherwise(tmp_path: Path, inputs: Path) 
     cloud = inputs / "cloud.ply"
     out = tmp_path / "map.bag"
     out.write_text("precious")
-    refused(tmp_path, "exists already", cloud, "-o", out)
+    refused(tmp_path, "exists already (--overwrite", cloud, "-o", out)
     assert out.read_text() == "precious"
     assert run("pack", cloud, "-o", out, "--overwrite").exit_code == 0
     assert out.read_bytes().startswith(b"#ROSBAG V2.0")

@@ -190,6 +190,8 @@ def test_an_output_that_is_an_input_or_cannot_be_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     code, _, stderr = run("project", cloud, "-o", tmp_path / "file" / "out")
     assert code == 2 and "file" in stderr
+    code, _, stderr = run("project", cloud, "-o", ".")
+    assert code == 2 and "names no files" in stderr
     code, _, stderr = run("project", cloud, "-o", tmp_path / "out.png")
     assert code == 2 and "endings" in stderr
 

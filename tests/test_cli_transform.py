@@ -193,6 +193,15 @@ def test_exactly_one_way_is_needed(tmp_path: Path, start: Path, matrix: Path) ->
     refused(tmp_path, "sample1 to sample20", *call, "--start-pose", start, "--yaw-correction", "sample21")
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_move_beyond_all_numbers_is_refused(tmp_path: Path) -> None:
+    write_cloud(tmp_path / "cloud.npz", POINTS)
+    write_tum(tmp_path / "poses.txt", Trajectory(POSES, STAMPS))
+    for name, out in (("cloud.npz", "out.npz"), ("poses.txt", "out.txt")):
+        call = (tmp_path / name, "-o", tmp_path / out, "--tum", RIGID_LINE, "--scale", "1.7e308")
+        refused(tmp_path, "beyond what numbers hold", *call)
+
+
 def test_a_matrix_with_a_scale_is_sent_to_the_option(tmp_path: Path) -> None:
     write_cloud(tmp_path / "cloud.npz", POINTS)
     similarity = RIGID.copy()

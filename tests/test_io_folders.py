@@ -12,7 +12,7 @@ from PIL import Image
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.rgbd_folders import read_rgbd_folder, recognise_rgbd_folder
-from maomaps_warp.io.source import Part, Source, SourceOptions
+from maomaps_warp.io.source import Part, Side, Source, SourceOptions
 from maomaps_warp.io.sources import open_source
 from maomaps_warp.model.camera import Camera
 
@@ -332,3 +332,13 @@ def test_a_folder_of_none_of_the_layouts_is_not_recognised(tmp_path: Path) -> No
     assert recognise_rgbd_folder(tmp_path) is None
     with pytest.raises(InputError, match="is no 3dmatch folder"):
         read_rgbd_folder(tmp_path, layout="3dmatch")
+
+
+@pytest.mark.parametrize(("side", "hint"), [("one", "choose with --format"), ("gt", "choose with --gt-format")])
+def test_a_folder_of_two_layouts_names_the_option_of_its_command(tmp_path: Path, side: Side, hint: str) -> None:
+    (tmp_path / "depth").mkdir()
+    (tmp_path / "depth.txt").touch()
+    (tmp_path / "pose.txt").touch()
+    with pytest.raises(InputError) as caught:
+        open_source(tmp_path, SourceOptions(), side)
+    assert caught.value.hint == hint

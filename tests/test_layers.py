@@ -122,7 +122,13 @@ def test_heavy_packages_are_imported_where_they_are_used():
 def test_importing_the_package_starts_nothing():
     code = (
         "import sys, maomaps_warp, maomaps_warp.pipeline, maomaps_warp.cli; "
-        "print([m for m in ('warp', 'scipy', 'rosbags', 'mcap', 'PIL', 'trimesh') if m in sys.modules])"
+        "print([m for m in ('warp', 'scipy', 'rosbags', 'mcap', 'PIL', 'trimesh', 'small_gicp') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_command_line_loads_no_numpy_before_a_command_runs():
+    code = "import sys, maomaps_warp.cli; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

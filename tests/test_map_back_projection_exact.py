@@ -10,11 +10,10 @@ from scenes import camera_pose
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.kernels import ExactPinhole, ExactSampling, create_voxel_hash, integrate_depth_exact
-from maomaps_warp.mapping.poses import find_jump, heading_only
+from maomaps_warp.mapping.poses import heading_only
 from maomaps_warp.mapping.voxel_map import DepthLimits, build_voxel_map
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
-from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.model.voxels import VoxelGrid, unpack_keys
 
 CAMERA = Camera(64, 48, 40.0, 42.0, 31.0, 24.5)
@@ -185,19 +184,3 @@ def test_a_heading_forgets_pitch_and_roll_and_keeps_the_place():
     tilted, level = camera_pose((1.0, -2.0, 3.0), 0.7, 0.4), camera_pose((1.0, -2.0, 3.0), 0.7)
     np.testing.assert_allclose(heading_only(tilted), level, atol=1e-15)
     np.testing.assert_allclose(heading_only(level), level, atol=1e-15)
-
-
-def path(positions, seconds):
-    T = np.tile(np.eye(4), (len(positions), 1, 1))
-    T[:, 0, 3] = positions
-    return Trajectory(T, (np.array(seconds) * 1e9).astype(np.int64))
-
-
-def test_a_jump_is_long_and_faster_than_the_rest():
-    walk, at = np.arange(20) * 0.1, np.arange(20) * 0.1
-    assert find_jump(path(walk, at)) is None
-    jump = find_jump(path(walk + 3.0 * (np.arange(20) >= 12), at))
-    assert (jump.index, jump.jumps) == (11, 1)
-    assert jump.metres == pytest.approx(3.1) and jump.seconds == pytest.approx(0.1)
-    assert find_jump(path(walk + 3.0 * (np.arange(20) >= 12), at + 5.0 * (np.arange(20) >= 12))) is None
-    assert find_jump(path(np.arange(20) * 2.0, at)) is None  # a car

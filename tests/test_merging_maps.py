@@ -54,6 +54,11 @@ def test_the_union_sums_counts_and_weighs_colours_by_them(origin: tuple[int, int
     assert merged.ijk.dtype == np.int32 and merged.counts.dtype == np.int64
 
 
+def test_colours_of_the_union_are_truncated_where_those_of_the_maps_are() -> None:
+    merged = merge_maps([_map(FIRST), _map(SECOND)], color_mean="truncated")
+    assert _as_dict(merged) == UNION | {(7, 7, 7): (4, (0, 0, 0))}
+
+
 def test_the_order_of_the_maps_makes_no_difference() -> None:
     rng = np.random.default_rng(3)
     maps = []

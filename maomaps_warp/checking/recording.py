@@ -15,11 +15,14 @@ F64 = NDArray[np.float64]
 
 #: A gap above this many median gaps holds missing messages: as many as median gaps fit in it, less one.
 GAP_OF_MEDIAN = 1.5
-#: A pose jumps if its step is longer than JUMP_STEP_M and faster than JUMP_SPEED, metres a second, or than so many
-#: times the speed that nine in ten steps stay below.
+#: A pose jumps if its step is longer than JUMP_STEP_M and faster than JUMP_OF_USUAL times the speed that nine in ten
+#: steps stay below, or, if jumps are so many that they raise that, than JUMP_SPEED, metres a second, and
+#: JUMP_OF_MEDIAN times the median. A walking pace is no jump, however still the camera is kept else.
 JUMP_STEP_M = 0.1
-JUMP_SPEED = 10.0
 JUMP_OF_USUAL = 10.0
+JUMP_SPEED = 10.0
+JUMP_OF_MEDIAN = 5.0
+WALKING_SPEED = 2.0
 #: An axis of the world is its up if the cameras' mean up lies within this of it, radians (30 degrees), and they agree:
 #: the mean of their unit vectors is at least so long.
 UP_WITHIN_RAD = float(np.pi / 6.0)
@@ -71,7 +74,8 @@ def pose_jumps(poses: Trajectory) -> tuple[Jump, ...]:
         return tuple(Jump(int(k) + 1, None, float(steps[k]), None) for k in jumps)
     seconds = np.maximum(np.diff(stamps), 1) * 1e-9
     speeds = steps / seconds
-    limit = min(JUMP_SPEED, JUMP_OF_USUAL * float(np.percentile(speeds, 90.0)))
+    fast = max(JUMP_SPEED, JUMP_OF_MEDIAN * float(np.median(speeds)))
+    limit = max(WALKING_SPEED, min(fast, JUMP_OF_USUAL * float(np.percentile(speeds, 90.0))))
     jumps = np.flatnonzero((steps > JUMP_STEP_M) & (speeds > limit))
     return tuple(
         Jump(int(k) + 1, float(stamps[k + 1] - stamps[0]) * 1e-9, float(steps[k]), float(speeds[k])) for k in jumps

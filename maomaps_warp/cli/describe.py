@@ -40,7 +40,7 @@ def describe(
     from maomaps_warp.report.dataset_table import dataset_tables
 
     with user_errors(debug):
-        _check_options(output, overwrite, voxel_size)
+        _check_options(dataset, output, overwrite, voxel_size)
         with progress_clock() as clock:
             found = describe_dataset(dataset, voxel_size=voxel_size, ground=ground, clock=clock)
         if output is not None:
@@ -59,15 +59,19 @@ def describe(
             raise typer.Exit(EXIT_NO_SCORE)
 
 
-def _check_options(output: Path | None, overwrite: bool, voxel_size: float) -> None:
+def _check_options(dataset: Path, output: Path | None, overwrite: bool, voxel_size: float) -> None:
     from maomaps_warp.errors import InputError
     from maomaps_warp.io.outputs import check_writable
+    from maomaps_warp.io.sample_directories import is_sample_file
 
     if not 0.0 < voxel_size <= 1e10:
         raise InputError(f"--voxel-size {voxel_size:g}", "must be a number of metres above 0")
     if output is not None:
         if output.is_file() and not overwrite:
             raise InputError(output, "exists already", "--overwrite replaces it")
+        folder = output.resolve().parent
+        if dataset.resolve() in (folder, folder.parent) and is_sample_file(output.name):
+            raise InputError(output, "is an input", "give the table a file of its own")
         check_writable(output)
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from maomaps_warp.cli.options import Debug, PoseFrame, Topics
-from maomaps_warp.jobs.extract import CloudFormat, Extracted, PoseFormat
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from maomaps_warp.jobs.extract import Extracted
 
 
 def extract(
@@ -19,9 +20,13 @@ def extract(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="A new or empty folder.")],
     topic: Topics = None,
     every: Annotated[bool, typer.Option("--every", help="All clouds of a topic; else the last.")] = False,
-    trajectory_format: Annotated[PoseFormat, typer.Option(help="The camera's poses, or the body's.")] = "tum",
+    trajectory_format: Annotated[
+        Literal["tum", "maomaps"], typer.Option(help="The camera's poses, or the body's.")
+    ] = "tum",
     pose_frame: PoseFrame = "auto",
-    cloud_format: Annotated[CloudFormat, typer.Option(help="x, y, z and colours; nothing else is kept.")] = "pcd",
+    cloud_format: Annotated[
+        Literal["pcd", "ply", "txt"], typer.Option(help="x, y, z and colours; nothing else is kept.")
+    ] = "pcd",
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="DIR may hold something; files of the same names are replaced.")
     ] = False,

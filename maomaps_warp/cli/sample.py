@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from maomaps_warp.cli.options import CameraText, Debug, Device, Format, PoseFrame, Topics
-from maomaps_warp.io.sample_writing import BagsMode
 
 if TYPE_CHECKING:
     from maomaps_warp.jobs.sample import MadeSample
@@ -23,7 +22,8 @@ def sample(
         Path, typer.Option("--output", "-o", metavar="DIR", help="Sample directory: it appears complete, or not.")
     ],
     bags: Annotated[
-        BagsMode, typer.Option(help="Lay the bags beside the maps as first.bag and so on; link: symbolic links.")
+        Literal["copy", "link", "none"],
+        typer.Option(help="Lay the bags beside the maps as first.bag and so on; link: symbolic links."),
     ] = "copy",
     topic: Topics = None,
     format: Format = "auto",

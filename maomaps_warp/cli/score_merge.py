@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from maomaps_warp.cli.options import Debug, Device, JsonFile, YawCorrection, yaw_of
-from maomaps_warp.model.merge_results import MergeAlign
 
 if TYPE_CHECKING:
     from maomaps_warp.jobs.merge_inputs import MergeFiles
@@ -32,7 +31,7 @@ def score_merge(
         typer.Option(metavar="FILE", help="The merged map: any cloud, or an occupancy grid (YAML or bag)."),
     ] = None,
     align: Annotated[
-        MergeAlign,
+        Literal["none", "first", "best"],
         typer.Option(
             help="none: the merged map lies in the truth's world; first: its first merged source lies where its run "
             "began; best: the best rigid transform, with what it hides."

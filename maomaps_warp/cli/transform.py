@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from maomaps_warp.cli.options import Debug, Format, PoseFrame, YawCorrection, yaw_of
-from maomaps_warp.jobs.transform import PoseFormat
 
 
 def transform(
@@ -31,7 +30,8 @@ def transform(
     inverse: Annotated[bool, typer.Option("--inverse", help="Take the move back, its scale too.")] = False,
     scale: Annotated[float, typer.Option(metavar="S", help="p becomes S R p + t.")] = 1.0,
     to: Annotated[
-        PoseFormat | None, typer.Option(help="Write a trajectory as this.", show_default="as the input, or tum")
+        Literal["tum", "maomaps"] | None,
+        typer.Option(help="Write a trajectory as this.", show_default="as the input, or tum"),
     ] = None,
     format: Format = "auto",
     pose_frame: PoseFrame = "auto",

@@ -14,7 +14,7 @@ from maomaps_warp.io.outputs import check_writable
 
 @contextlib.contextmanager
 def write_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = False) -> Iterator[Path]:
-    """Collects files in a hidden folder; when the block ends well they appear in `folder`, else nothing changes.
+    """Collects files in a hidden folder; when the block ends well they appear in `folder`, else no file changes.
 
     A folder that does not exist appears as a whole, with its parents. In one that exists, files change places by
     renaming; if one of the renames fails, the former files come back.
@@ -68,7 +68,11 @@ def check_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = Fals
         existing = existing.parent
     if not existing.is_dir():
         raise InputError(folder, f"cannot be made: {existing} is a file", "choose another place")
-    check_writable(existing / f"{secrets.token_hex(8)}.tmp")
+    try:
+        check_writable(existing / f"{secrets.token_hex(8)}.tmp")
+    except InputError as error:
+        # Its file is a probe, which nobody knows.
+        raise InputError(folder, error.found, error.hint) from error
 
 
 def _exchange(staging: Path, folder: Path, names: tuple[str, ...]) -> None:

@@ -108,15 +108,19 @@ def _yaml(path: Path) -> Any:
 
     try:
         return YAML(typ="safe").load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, YAMLError, ValueError) as error:
+    except (OSError, UnicodeDecodeError, YAMLError, ValueError, RecursionError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(path, f"not a YAML file: {reason}", _EXAMPLE) from error
 
 
 def _number(path: Path, name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(path, f"{name}: {value!r} is no number", _EXAMPLE)
-    return float(value)
+    try:
+        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise InputError(path, f"{name}: {repr(value)[:60]} is no number", _EXAMPLE)
+    return number
 
 
 def _pixels(path: Path, yaml: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

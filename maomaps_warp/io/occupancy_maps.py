@@ -123,6 +123,8 @@ def check_projection(stem: Path, *, overwrite: bool = False) -> None:
     Raises:
         InputError: as `write_projection`.
     """
+    if not stem.name:
+        raise InputError(f"--output {stem}", "names no files", "give a name inside the folder, as map")
     if stem.suffix.lower() in (*_YAML_SUFFIXES, *_IMAGE_SUFFIXES):
         hint = f"give {stem.with_suffix('')}: the endings .png, .yaml and .pgm are added"
         raise InputError(stem, "ends like one of the files that are written", hint)

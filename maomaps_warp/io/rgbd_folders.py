@@ -23,7 +23,7 @@ from maomaps_warp.io.rgbd_files import (
     read_pose_log,
     read_pose_matrix,
 )
-from maomaps_warp.io.source import Part, Source, camera_or_note, notes_of
+from maomaps_warp.io.source import Part, Side, Source, camera_or_note, notes_of, option
 from maomaps_warp.io.trajectories import read_trajectory
 from maomaps_warp.io.tum_images import find_tum_images
 from maomaps_warp.model.camera import Camera
@@ -39,15 +39,19 @@ _COLOR_FOLDERS = ("color", "rgb", "image")
 _POSE_READERS = {"trajectory.log": read_pose_log, "odometry.log": read_pose_log, "pose.txt": read_pose_lines}
 
 
-def recognise_rgbd_folder(path: Path) -> str | None:
+def recognise_rgbd_folder(path: Path, side: Side = "one") -> str | None:
     """The layout of a folder by its content: a key of LAYOUTS, or None.
+
+    Args:
+        path: the folder.
+        side: whose it is.
 
     Raises:
         InputError: it fits several.
     """
     found = [layout for layout, (fits, _) in LAYOUTS.items() if fits(path)]
     if len(found) > 1:
-        hint = "choose with --gt-format or --est-format"
+        hint = f"choose with {option(side, 'format')}"
         raise InputError(path, f"fits several layouts: {', '.join(found)}", hint)
     return found[0] if found else None
 

@@ -68,7 +68,7 @@ def sample_directories(folder: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]
         raise InputError(folder, "is a file", "give a folder of sample directories, or one of them") from None
     except OSError as error:
         raise InputError(folder, f"cannot be read: {error.strerror}") from error
-    folders.sort(key=lambda entry: [int(part) if part.isdigit() else part for part in _DIGITS.split(entry.name)])
+    folders.sort(key=_counting_order)
     samples = tuple(entry for entry in folders if _holds_sample_files(entry))
     return samples, tuple(entry for entry in folders if entry not in samples)
 
@@ -138,9 +138,23 @@ def read_start_pose(path: Path) -> StartPose:
     return float(x), float(y), float(z), float(yaw)
 
 
+def _counting_order(entry: Path) -> tuple[list[int | str], str]:
+    # Split at a group, every second part is a number; the whole name settles "sample1" and "sample01".
+    parts = _DIGITS.split(entry.name)
+    return [int(part) if place % 2 else part for place, part in enumerate(parts)], entry.name
+
+
+def is_sample_file(name: str) -> bool:
+    """Whether a file of this name belongs to a sample: a map, poses, or a recording."""
+    return name in _sample_files()
+
+
+def _sample_files() -> tuple[str, ...]:
+    return (*merged_files(), *(name for run in RUN_NAMES for name in (*run_files(run), f"{run}.bag")))
+
+
 def _holds_sample_files(folder: Path) -> bool:
-    names = (*merged_files(), *(name for run in RUN_NAMES for name in (*run_files(run), f"{run}.bag")))
-    return any((folder / name).is_file() for name in names)
+    return any((folder / name).is_file() for name in _sample_files())
 
 
 def _map_file(folder: Path, run: str) -> Path | None:

@@ -85,7 +85,7 @@ def _recognise(path: Path, side: Side, part: Part) -> str:
         # Before bags: a sample directory holds recordings too.
         if is_sample_directory(path):
             return "sample"
-        layout = recognise_rgbd_folder(path)
+        layout = recognise_rgbd_folder(path, side)
         if layout is not None:
             return layout
     if recognise_bag(path):
@@ -152,7 +152,8 @@ def _open_rgbd(path: Path, format: str, options: SourceOptions, side: Side, part
     if source.trajectory is None or options.pose_frame == "auto":
         return source
     T = parse_convention(options.pose_frame).camera_poses(source.trajectory.T_world_camera)
-    return replace(source, trajectory=replace(source.trajectory, T_world_camera=T, pose_frame=options.pose_frame))
+    declared = replace(source.trajectory, T_world_camera=T, pose_frame=options.pose_frame, is_assumed=False)
+    return replace(source, trajectory=declared)
 
 
 def _open_bag(path: Path, format: str, options: SourceOptions, side: Side, part: Part) -> Source:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal
 
@@ -142,11 +143,13 @@ def write_maomaps_poses(path: Path, trajectory: Trajectory) -> None:
         raise InputError(stamps_path, "would be taken for the stamps of poses that have none", "remove it first")
     T_world_body = trajectory.T_world_camera @ T_BODY_CAMERA.T
     rows = np.hstack([T_world_body[:, :3, 3], rpy_from_matrices(T_world_body[:, :3, :3])])
-    with write_whole(path, "w") as file:
+    with ExitStack() as both:
+        # Opened together, so that neither appears without the other.
+        file = both.enter_context(write_whole(path, "w"))
+        if trajectory.stamps_ns is not None:
+            stamps_file = both.enter_context(write_whole(stamps_path, "w"))
+            stamps_file.writelines(f"{seconds_text(stamp)}\n" for stamp in trajectory.stamps_ns.tolist())
         file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
-    if trajectory.stamps_ns is not None:
-        with write_whole(stamps_path, "w") as file:
-            file.writelines(f"{seconds_text(stamp)}\n" for stamp in trajectory.stamps_ns.tolist())
 
 
 def _is_coloured_cloud(path: Path) -> bool:

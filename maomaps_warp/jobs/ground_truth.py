@@ -19,6 +19,9 @@ from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap
 from maomaps_warp.stopwatch import Stopwatch
 
+#: What `body` is called beside its own name: no other world.
+_SAME_WORLD = {"maomaps-c"}
+
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
@@ -149,6 +152,9 @@ def _with_known_convention(source: Source, stream: FrameStream, clock: Stopwatch
         )
     found, meaning = proof.best.name, proof.best.meaning
     note = f"pose convention proved by the depth images: {found}, {meaning} ({proof.reason})"
+    if proof.candidates[0].equivalents and not set(proof.candidates[0].equivalents) <= _SAME_WORLD:
+        alike = ", ".join(proof.candidates[0].equivalents)
+        note += f"; {alike} would give the same map in a world that is turned or moved: --pose-frame declares which"
     if found == trajectory.pose_frame:
         return replace(trajectory, is_assumed=False), (note,)
     T = proof.best.camera_poses(recorded.T_world_camera)
@@ -157,13 +163,15 @@ def _with_known_convention(source: Source, stream: FrameStream, clock: Stopwatch
 
 
 def _jump_notes(trajectory: Trajectory) -> tuple[str, ...]:
-    from maomaps_warp.mapping.poses import find_jump
+    from maomaps_warp.checking.recording import pose_jumps
 
-    jump = find_jump(trajectory)
-    if jump is None:
+    jumps = pose_jumps(trajectory)
+    if not jumps:
         return ()
-    others = f"; {jump.jumps} steps are so" if jump.jumps > 1 else ""
-    place = f"{jump.metres:.3g} m in {jump.seconds:.3g} s from pose {jump.index + 1} to pose {jump.index + 2}"
+    longest = max(jumps, key=lambda jump: jump.step_m)
+    others = f"; {len(jumps)} steps are so" if len(jumps) > 1 else ""
+    speed = "" if longest.speed is None else f" at {longest.speed:.3g} m/s"
+    place = f"{longest.step_m:.3g} m{speed} from pose {longest.index} to pose {longest.index + 1}"
     return (f"the poses jump: {place} of {trajectory.source}{others}; the map may be doubled",)
 
 

@@ -81,10 +81,13 @@ def pack(
         InputError: an input cannot be read, or cannot be told in a message; `output` exists or cannot be written.
     """
     _check_topics(options, trajectory, grid)
+    if not options.frame_id.strip():
+        raise InputError("--frame-id", "is empty", "RViz and Foxglove need a name, as map")
     kind = bag_kind(output)
     for path in filter(None, (cloud, trajectory, grid)):
-        if path.resolve() == output.resolve():
-            raise InputError(output, "is an input", "give the bag a place of its own")
+        if path.resolve().is_relative_to(output.resolve()):
+            found = "is an input" if path.resolve() == output.resolve() else f"holds {path}, an input"
+            raise InputError(output, found, "give the bag a place of its own")
         if recognise_bag(path):
             raise InputError(path, "is a bag", "take clouds, poses and grids out of it with `extract` first")
     check_new_bag(output, overwrite=options.overwrite)
@@ -92,6 +95,8 @@ def pack(
     points = _cloud_of(source)
     poses = source.trajectory if trajectory is not None else None
     occupancy = None if grid is None else read_occupancy(grid)
+    if poses is not None and poses.stamps_ns is None:
+        raise InputError(poses.source, "has no stamps, which a Path needs", "give poses with stamps, as TUM has them")
     stamp_ns = options.stamp_ns or _stamp_of(poses)
     make = MessageMaker.of(kind)
     write_bag(output, kind, _entries(make, options, stamp_ns, (points, poses, occupancy)), overwrite=options.overwrite)
@@ -139,10 +144,8 @@ def _cloud_of(source: Source) -> PointCloud:
 
 def _stamp_of(poses: Trajectory | None) -> int:
     """The last stamp of the trajectory, else DEFAULT_STAMP_NS."""
-    if poses is None:
+    if poses is None or poses.stamps_ns is None:
         return DEFAULT_STAMP_NS
-    if poses.stamps_ns is None:
-        raise InputError(poses.source, "has no stamps, which a Path needs", "give poses with stamps, as TUM has them")
     return int(poses.stamps_ns[-1])
 
 

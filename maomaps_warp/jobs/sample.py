@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from maomaps_warp.errors import InputError
 from maomaps_warp.io.sample_writing import SamplePlace, SampleRun, check_sample_writable, heading_notes, write_sample
 from maomaps_warp.io.sources import Source
 from maomaps_warp.jobs.describe import RunData, sample_figures
@@ -64,8 +65,9 @@ def make_sample(
     built: dict[str, GroundTruth] = {}
     for run, source in sources.items():
         built[run] = build_ground_truth(source, protocol, device=device, clock=clock, with_colors=with_colors)
+    _check_one_convention(sources, built)
     with clock.stage("merge"):
-        merged = merge_maps([truth.voxels for truth in built.values()])
+        merged = merge_maps([truth.voxels for truth in built.values()], color_mean=protocol.color_mean)
         runs = [RunData(run, truth.voxels.points, truth.trajectory) for run, truth in built.items()]
         name = place.folder.resolve().name
         figures = sample_figures(name, runs, merged.points, protocol.voxel_size, ground)
@@ -78,3 +80,16 @@ def make_sample(
         {run: truth.counts for run, truth in built.items()},
         {run: (*truth.notes, *heading_notes(truth.trajectory)) for run, truth in built.items()},
     )
+
+
+def _check_one_convention(sources: Mapping[str, Source], built: Mapping[str, GroundTruth]) -> None:
+    """Refuse runs of which one was proved to mean something else than another: one recorder made them."""
+    proved = {run: built[run].trajectory.pose_frame for run, source in sources.items() if _is_assumed(source)}
+    if len(set(proved.values())) > 1:
+        found = ", ".join(f"{run}: {name}" for run, name in proved.items())
+        places = " and ".join(sources[run].name for run in proved)
+        raise InputError(places, f"the poses of the runs mean different things ({found})", "declare it by --pose-frame")
+
+
+def _is_assumed(source: Source) -> bool:
+    return source.trajectory is not None and source.trajectory.is_assumed

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags import recognise_bag
 from maomaps_warp.io.cloud_writing import CLOUD_SUFFIXES, cloud_suffix
@@ -125,7 +128,10 @@ def _move_cloud(source: Source, output: Path, move: Alignment, pose_frame: str, 
             found = f"given for a cloud (it was read as: {source.kind})"
             raise InputError(option, found, "it is for trajectories; --format names another kind")
     cloud_suffix(output)
-    write_cloud(output, move.apply_points(source.cloud.points), source.cloud.colors)
+    with np.errstate(over="ignore", invalid="ignore"):
+        points = move.apply_points(source.cloud.points)
+    _check_finite(points, source.name)
+    write_cloud(output, points, source.cloud.colors)
     return Moved(source.kind, len(source.cloud), "points", (output,), source.notes)
 
 
@@ -136,6 +142,8 @@ def _move_trajectory(
     if suffix in CLOUD_SUFFIXES and suffix != ".txt":
         found = f"is named {suffix}, but {source.name} holds poses (it was read as: {source.kind})"
         raise InputError(output, found, "name it .txt or .tum")
+    with np.errstate(over="ignore", invalid="ignore"):
+        _check_finite(move.apply_points(trajectory.positions), source.name)
     moved = move.apply_trajectory(trajectory)
     written: tuple[Path, ...] = (output,)
     if kind == "tum":
@@ -146,6 +154,11 @@ def _move_trajectory(
             _check_output(written[1], Path(source.name), overwrite)
         write_maomaps_poses(output, moved)
     return Moved(source.kind, len(trajectory), "poses", written, source.notes + _turned(trajectory, kind))
+
+
+def _check_finite(moved: NDArray[np.float64], source: str) -> None:
+    if not np.isfinite(moved).all():
+        raise InputError(source, "the move puts its coordinates beyond what numbers hold", "check it, and --scale")
 
 
 def _turned(trajectory: Trajectory, kind: PoseFormat) -> tuple[str, ...]:

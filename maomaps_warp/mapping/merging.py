@@ -9,17 +9,19 @@ from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.model.voxels import KEY_BIAS, VoxelGrid, VoxelMap, pack_keys, unpack_keys
+from maomaps_warp.protocol import ColorMean
 
 
-def merge_maps(maps: Sequence[VoxelMap]) -> VoxelMap:
+def merge_maps(maps: Sequence[VoxelMap], *, color_mean: ColorMean = "rounded") -> VoxelMap:
     """The union of maps of one world.
 
     A cell of the union is a cell of any of them. Its count is the sum of theirs; its colour is the mean of theirs,
-    weighted by the counts and rounded half up. The union has colours only if every map has: a mean over some of the
-    maps would pass for one over all. The order of the maps makes no difference.
+    weighted by the counts and rounded half up, or truncated. The union has colours only if every map has: a mean over
+    some of the maps would pass for one over all. The order of the maps makes no difference.
 
     Args:
         maps: at least one, of one voxel size and one `center_offset`; their origins may differ.
+        color_mean: "rounded" or "truncated".
 
     Returns:
         The union, sorted by key, on a grid whose origin lies in the middle of its extent.
@@ -42,8 +44,8 @@ def merge_maps(maps: Sequence[VoxelMap]) -> VoxelMap:
     if all(voxels.colors is not None for voxels in maps):
         samples = np.concatenate([voxels.colors for voxels in maps if voxels.colors is not None])
         sums = np.stack([np.bincount(inverse, weights * samples[:, c], len(keys)) for c in range(3)], axis=1)
-        doubled = 2 * sums.astype(np.int64)
-        colors = ((doubled + counts[:, None]) // (2 * counts[:, None])).astype(np.uint8)
+        half = counts[:, None] if color_mean == "rounded" else 0
+        colors = ((2 * sums.astype(np.int64) + half) // (2 * counts[:, None])).astype(np.uint8)
     return VoxelMap(grid, unpack_keys(keys), counts, colors)
 
 

@@ -1,50 +1,13 @@
-"""Poses as maps need them: on the device, without pitch and roll, and without jumps."""
+"""Poses as maps need them: on the device, and without pitch and roll."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.model.pose_convention import T_BODY_CAMERA
-from maomaps_warp.model.trajectory import Trajectory
-
-#: A step of at least this many metres is a jump if it is also faster than this many m/s, which nobody carries a camera
-#: indoors, and than this many times the median speed, which a vehicle keeps.
-JUMP_METRES, JUMP_SPEED, JUMP_OVER_MEDIAN = 0.5, 5.0, 5.0
-
-
-@dataclass(frozen=True)
-class Jump:
-    """The longest jump of a trajectory, from one pose to the next.
-
-    Attributes:
-        index: of the pose before it.
-        metres, seconds: its length.
-        jumps: how many there are in all.
-    """
-
-    index: int
-    metres: float
-    seconds: float
-    jumps: int
-
-
-def find_jump(trajectory: Trajectory) -> Jump | None:
-    """The longest jump; None if there is none, or no stamps to tell."""
-    if trajectory.stamps_ns is None or len(trajectory) < 2:
-        return None
-    metres = np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)
-    seconds = np.maximum(np.diff(trajectory.stamps_ns), 1) * 1e-9
-    speed = metres / seconds
-    fastest_usual = max(JUMP_SPEED, JUMP_OVER_MEDIAN * float(np.median(speed)))
-    jumps = np.flatnonzero((metres >= JUMP_METRES) & (speed > fastest_usual))
-    if not len(jumps):
-        return None
-    longest = int(jumps[metres[jumps].argmax()])
-    return Jump(longest, float(metres[longest]), float(seconds[longest]), len(jumps))
 
 
 def heading_only(T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from maomaps_warp.model.dataset import DatasetFigures, OverlapFigures, RunFigures, SampleFigures
 from maomaps_warp.report.json_report import versions
+from maomaps_warp.report.latex import latex_text
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 SCHEMA = 1
 
 _ORDINALS = ("1st", "2nd", "3rd", "4th", "5th", "6th", "7th", "8th", "9th", "10th")
-_LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-_LATEX |= {character: "\\" + character for character in "&%$#_{}"}
 
 _Value = str | float | int | None
 
@@ -118,12 +117,6 @@ def dataset_document(dataset: DatasetFigures) -> dict[str, Any]:
         "notes": list(dataset.notes),
         "versions": versions(),
     }
-
-
-def latex_text(text: str) -> str:
-    """A text with LaTeX's special characters escaped; blanks between digits become thin spaces."""
-    escaped = "".join(_LATEX.get(character, character) for character in text)
-    return escaped.replace("\N{NO-BREAK SPACE}", r"\,")
 
 
 def _sample_document(sample: SampleFigures) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from maomaps_warp.report.latex import latex_text
 from maomaps_warp.report.merge_json import MergeEntry
 
 if TYPE_CHECKING:
@@ -18,15 +19,6 @@ if TYPE_CHECKING:
 _MARKS = {True: "+", False: "-", None: "?"}
 #: In the place of the AME of a merge that failed.
 FAILED = "x"
-
-_LATEX = {
-    **{c: f"\\{c}" for c in "&%$#_{}"},
-    "~": "\\textasciitilde{}",
-    "^": "\\textasciicircum{}",
-    "\\": "\\textbackslash{}",
-    "<": "\\textless{}",
-    ">": "\\textgreater{}",
-}
 
 
 @dataclass(frozen=True)
@@ -98,7 +90,7 @@ def as_latex(table: MergeTable) -> str:
     """The table as a `tabular` environment; the notes are comments before it."""
     lines = [f"% {note}" for note in table.notes]
     lines.append(f"\\begin{{tabular}}{{{'|'.join('c' * len(table.header))}}}")
-    rows = [" & ".join(_escaped(cell) for cell in row) + " \\\\" for row in (table.header, *table.rows)]
+    rows = [" & ".join(latex_text(cell) for cell in row) + " \\\\" for row in (table.header, *table.rows)]
     lines += [rows[0], "\\hline", *rows[1:], "\\end{tabular}"]
     return "\n".join(lines) + "\n"
 
@@ -107,10 +99,6 @@ def _ame(entry: MergeEntry | None) -> str:
     if entry is None:
         return ""
     return FAILED if entry.is_success is False or entry.ame is None else f"{entry.ame:.3f}"
-
-
-def _escaped(text: str) -> str:
-    return "".join(_LATEX.get(character, character) for character in text)
 
 
 def _natural(name: str) -> list[tuple[int, int, str]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +22,7 @@ def best_rigid(moving: NDArray[np.float64], fixed: NDArray[np.float64], voxel_si
     """T_fixed_moving, (4, 4) float64, metres: generalised ICP from where the clouds lie, coarse to fine.
 
     A. Segal et al., "Generalized-ICP", RSS 2009, by small_gicp. It finds the optimum near the start, not a global one.
+    On one thread: on several the library adds up in another order each time, and the last digits change.
 
     Args:
         moving, fixed: (N, 3) and (M, 3) float64, metres.
@@ -51,7 +50,7 @@ def best_rigid(moving: NDArray[np.float64], fixed: NDArray[np.float64], voxel_si
             registration_type="GICP",
             downsampling_resolution=cell * voxel_size,
             max_correspondence_distance=reach * voxel_size,
-            num_threads=os.cpu_count() or 1,
+            num_threads=1,
             max_iterations=_ITERATIONS,
             rotation_epsilon=1e-6,
             translation_epsilon=1e-6,

@@ -13,7 +13,7 @@ from maomaps_warp.model.merge_results import SuccessRule, TransformError
 from maomaps_warp.model.occupancy import OccupancyGrid
 from maomaps_warp.model.pose_convention import inverse_poses
 from maomaps_warp.model.results import NoValue
-from maomaps_warp.scoring.alignment import align
+from maomaps_warp.scoring.moves import start_pose_move
 
 Pose = NDArray[np.float64]
 Points = NDArray[np.float64]
@@ -21,8 +21,7 @@ Points = NDArray[np.float64]
 
 def start_placement(start_pose: tuple[float, float, float, float], yaw_correction: float) -> Pose:
     """T_world_source, (4, 4) float64, metres, of a map that begins at a start pose of the data set."""
-    none = np.empty((0, 4, 4))
-    return align("start-pose", none, none, start_pose=start_pose, yaw_correction=yaw_correction).T_gt_est
+    return start_pose_move(start_pose, yaw_correction).T_gt_est
 
 
 def moved(T: Pose, points: Points) -> Points:

@@ -120,7 +120,7 @@ def _on_lattice(est: OccupancyGrid, gt: OccupancyGrid) -> _Window:
     corners = np.array([[0, 0], [width, 0], [0, height], [width, height]]) * est.resolution
     reach = _to_lattice(gt, _to_world(est, corners))
     low = np.floor(reach.min(axis=0) + _EDGE_CELLS)
-    size = np.ceil(reach.max(axis=0) - _EDGE_CELLS) - low
+    size = np.maximum(np.ceil(reach.max(axis=0) - _EDGE_CELLS) - low, 1.0)
     if size[0] * size[1] > MAX_CELLS:
         found = f"covers {size[0]:.0f} x {size[1]:.0f} cells of the ground truth's {gt.resolution:g} m"
         raise InputError(est.source, found, "check the resolution and the origin of both maps")

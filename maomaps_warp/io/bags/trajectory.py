@@ -85,7 +85,7 @@ def read_bag_trajectory(contents: BagContents, *, pose_frame: str = "auto") -> T
     frame = usual if pose_frame == "auto" else pose_frame
     if frame == "body":
         body = f"the body {child!r}" if child else "a body"
-        notes += (f"{topic.name}: the poses of {body} (x forward, y left, z up) were turned into optical ones",)
+        notes += (f"{topic.name}: read as poses of {body} (x forward, y left, z up)",)
     return Trajectory(
         T_world_camera=parse_convention(frame).camera_poses(T_world_pose),
         stamps_ns=recorded.stamps_ns[keep],

@@ -45,7 +45,7 @@ def check_new_bag(path: Path, *, overwrite: bool = False) -> None:
     """
     if path.exists() or path.is_symlink():
         if not overwrite:
-            raise InputError(path, "exists already", "delete it or choose another path")
+            raise InputError(path, "exists already", "--overwrite replaces a bag; or choose another path")
         if path.is_dir() and not recognise_bag(path):
             raise InputError(path, "is a folder that is no bag: it is not replaced", "choose another path")
     if not path.is_dir():
@@ -76,10 +76,18 @@ def write_bag(path: Path, kind: BagKind, entries: Iterable[Entry], *, overwrite:
             path, f"cannot be written: {error.strerror}", "choose a writable folder that exists"
         ) from error
     try:
-        _WRITERS[kind](work / path.name, entries)
-        if path.is_dir():  # a folder cannot be replaced in one step
-            path.rename(work / "replaced")
-        (work / path.name).replace(path)
+        (work / "new").mkdir()
+        new, former = work / "new" / path.name, work / "former"
+        _WRITERS[kind](new, entries)
+        is_aside = path.is_dir() or (path.exists() and new.is_dir())  # folders cannot be replaced in one step
+        if is_aside:
+            path.rename(former)
+        try:
+            new.replace(path)
+        except OSError:
+            if is_aside:
+                former.rename(path)
+            raise
     except OSError as error:
         raise InputError(path, f"cannot be written: {error.strerror}", "is the disk full?") from error
     finally:
