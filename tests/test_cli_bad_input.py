@@ -97,7 +97,7 @@ MAPS = {
     "a PCD of more points than memory holds": (PCD.format(99999999999, "binary"), ("0 of 99999999999",)),
     "a false NPZ": (b"PK\x03\x04garbage", ("NPZ", "np.savez")),
     "a coordinate of 1e300": ("1e300 0 0\n0 0 0\n", ("point 1", "1e+300", "metres")),
-    "a point a million kilometres away": ("1e9 0 0\n0 0 0\n", ("away from the ground truth", "--voxel-size")),
+    "a point a million kilometres away": ("1e9 0 0\n0 0 0\n", ("m away from the middle", "--voxel-size")),
 }
 
 

@@ -148,3 +148,16 @@ def test_a_real_rgbd_folder_becomes_a_run(tmp_path):
     assert outcome.code == 0, outcome.stderr
     assert outcome.files == names("first")
     assert outcome.document["counts"]["frames_without_color"] < outcome.document["counts"]["frames"]
+
+
+def test_a_world_that_is_not_z_up_is_told(tmp_path):
+    found = run_map(tmp_path, shared_data("rgbd_open3d_sample"))
+    assert found.code == 0, found.stderr
+    assert any("the cameras' up is the world's +y" in note for note in found.document["notes"])
+
+
+def test_poses_of_another_recording_are_refused_with_that_reason(bag, tmp_path):
+    other = tmp_path / "other.txt"
+    other.write_text("1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n3 2 0 0 0 0 0 1\n")
+    found = run_map(tmp_path, bag, "--trajectory", other)
+    assert_refused(found, "other.txt", "not those of the depth images", "--trajectory")

@@ -280,3 +280,13 @@ def test_a_run_that_no_sample_has_is_a_mistake(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="first, second"):
         write_run(tmp_path, "merged", _map(), _trajectory())
     assert len(RUN_NAMES) == 10
+
+
+def test_a_closed_folder_is_refused_by_the_name_that_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed(self: Path, *_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "open", closed)
+    with pytest.raises(InputError, match="permission denied") as caught:
+        check_run_writable(tmp_path / "sample", "first")
+    assert caught.value.where == str(tmp_path / "sample")

@@ -48,7 +48,9 @@ def check(
         for part in check_tables(found):
             out.print(part, soft_wrap=isinstance(part, str))
         if not found.proof.is_clear:
-            complain(f"not clear what the poses mean: {found.proof.reason}")
+            complain(
+                f"{found.poses_source}: not clear what the poses mean: {found.proof.reason} (--pose-frame declares it)"
+            )
             raise typer.Exit(EXIT_NO_SCORE)
         if found.is_contradicted and found.proof.best:
             complain(f"--pose-frame {found.declared}: the poses are {found.proof.best.name}")

@@ -59,7 +59,9 @@ def score_merge(
         ),
     ] = "robust",
     pair: Annotated[str | None, typer.Option(help="Row in tables.", show_default="name of the sample")] = None,
-    method: Annotated[str | None, typer.Option(help="Column in tables.", show_default="name of the file")] = None,
+    method: Annotated[
+        str | None, typer.Option(help="Column in tables.", show_default="name of the merge's file or folder")
+    ] = None,
     device: Device = "auto",
     json_file: JsonFile = None,
     debug: Debug = False,

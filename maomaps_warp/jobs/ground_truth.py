@@ -97,7 +97,7 @@ def build_ground_truth(
     if protocol.camera:
         stream = replace(stream, camera=parse_camera(protocol.camera))
     trajectory, notes = _with_known_convention(source, stream, clock)
-    notes += _jump_notes(trajectory)
+    notes += (*_jump_notes(trajectory), *_up_notes(trajectory))
     with clock.stage("start device"):
         used_device = resolve_device(device)
     with clock.stage("map") as progress:
@@ -144,6 +144,9 @@ def _with_known_convention(source: Source, stream: FrameStream, clock: Stopwatch
     with clock.stage("prove convention") as progress:
         recorded = recorded_poses(trajectory)
         proof = prove_convention(stream, recorded, progress=progress)
+    if proof.frames < 2:
+        found = f"its poses are not those of the depth images of {stream.source}: {proof.reason}"
+        raise InputError(trajectory.source, found, "give the poses that were recorded with them with --trajectory")
     if proof.best is None:
         raise InputError(
             trajectory.source,
@@ -173,6 +176,15 @@ def _jump_notes(trajectory: Trajectory) -> tuple[str, ...]:
     speed = "" if longest.speed is None else f" at {longest.speed:.3g} m/s"
     place = f"{longest.step_m:.3g} m{speed} from pose {longest.index} to pose {longest.index + 1}"
     return (f"the poses jump: {place} of {trajectory.source}{others}; the map may be doubled",)
+
+
+def _up_notes(trajectory: Trajectory) -> tuple[str, ...]:
+    from maomaps_warp.checking.recording import up_axis
+
+    up = up_axis(trajectory.T_world_camera)
+    if not up.is_clear or up.axis == "+z":
+        return ()
+    return (f"the cameras' up is the world's {up.axis}: ceiling, start pose and projections take +z for up",)
 
 
 def _pose_of_frame(

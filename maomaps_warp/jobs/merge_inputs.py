@@ -142,7 +142,12 @@ def _gt_transforms(path: Path, runs: tuple[str, ...]) -> tuple[Pose, ...]:
 
 
 def _cloud(path: Path, option: str) -> PointCloud:
-    source = source_from_parts(path, None, SourceOptions(), "one")
+    try:
+        source = source_from_parts(path, None, SourceOptions(), "one")
+    except InputError as error:
+        # The reader's ways out are options that say how to read the only input of a command.
+        hint = f"{option} takes a map: PCD, PLY, XYZ text, NPZ, or a bag with one PointCloud2 topic"
+        raise InputError(error.where, error.found, hint) from None
     if source.cloud is None:
         hint = f"{option} takes points: make a map of it with `maomaps-warp map`"
         raise InputError(path, f"holds depth images, not a map (it was read as: {source.kind})", hint)

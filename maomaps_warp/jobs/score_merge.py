@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +106,7 @@ def score_merge(files: MergeFiles, choices: MergeChoices, *, device: str, clock:
     return MergeScore(
         sample=str(files.sample),
         pair=choices.pair or files.sample.resolve().name,
-        method=choices.method or (merge_file.stem if merge_file else "merge"),
+        method=choices.method or _method_of(merge_file),
         merged_map=_merged_name(given, transforms),
         voxel_size=choices.voxel_size,
         rule=choices.rule,
@@ -286,3 +287,11 @@ def _merged_name(given: MergeInputs, transforms: tuple[Pose | None, ...] | None)
         return given.merged.source
     merged = sum(T is not None for T in transforms or ())
     return f"union of {merged} of {len(given.runs)} sources" if given.sources and merged > 1 else "none"
+
+
+def _method_of(merge_file: Path | None) -> str:
+    """The name of a merge's file, or of its folder where the file is called what `merge` calls it."""
+    if merge_file is None:
+        return "merge"
+    folder = merge_file.resolve().parent.name
+    return folder if merge_file.stem in ("transforms", "merged") and folder else merge_file.stem

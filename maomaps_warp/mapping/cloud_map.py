@@ -26,9 +26,9 @@ def check_extent(points: NDArray[np.float64], grid: VoxelGrid, source: str) -> N
     if distance[worst] > limit:
         raise InputError(
             source,
-            f"point {worst + 1} at {points[worst].tolist()} m is {distance[worst]:g} m away from the ground truth, "
+            f"point {worst + 1} at {points[worst].tolist()} m is {distance[worst]:g} m away from the middle, "
             f"more than the {limit:g} m that voxels of {grid.voxel_size} m reach",
-            "remove outliers, align the maps with --align, or raise --voxel-size",
+            "remove outliers, align the maps, or raise --voxel-size",
         )
 
 
