@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from maomaps_warp.cli.options import CameraText, Debug, Device, Format, JsonFile, PoseFrame, Topics, camera_of
-
-if TYPE_CHECKING:
-    from maomaps_warp.map_protocol import MapProtocol
+from maomaps_warp.cli.map_options import (
+    Ceiling,
+    ColorGap,
+    Colors,
+    MaxRange,
+    MinRange,
+    ProtocolName,
+    StampGap,
+    Stride,
+    VoxelSize,
+    map_protocol_of,
+)
+from maomaps_warp.cli.options import CameraText, Debug, Device, Format, JsonFile, PoseFrame, Topics
 
 
 def map_recording(
@@ -25,29 +34,15 @@ def map_recording(
     format: Format = "auto",
     pose_frame: PoseFrame = "auto",
     camera: CameraText = None,
-    protocol: Annotated[str, typer.Option(help="maomaps, gt_map_creator, or a .toml file; see `explain`.")] = "maomaps",
-    voxel_size: Annotated[float | None, typer.Option(metavar="M", help="Edge of a voxel.", show_default="0.05")] = None,
-    min_range: Annotated[
-        float | None, typer.Option(metavar="M", help="Nearest depth, exclusive.", show_default="0.01")
-    ] = None,
-    max_range: Annotated[
-        float | None, typer.Option(metavar="M", help="Farthest depth, exclusive.", show_default="10")
-    ] = None,
-    stride: Annotated[
-        int | None, typer.Option(metavar="N", help="Every n-th pixel of each row and column.", show_default="1")
-    ] = None,
-    ceiling: Annotated[
-        str | None,
-        typer.Option(metavar="RULE", help="keep, layer (the original's rule), or a height in m.", show_default="keep"),
-    ] = None,
-    max_stamp_gap: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Largest gap between poses around an image.", show_default="0.2"),
-    ] = None,
-    color_gap: Annotated[
-        float | None, typer.Option(metavar="S", help="Largest gap of depth and colours.", show_default="0.02")
-    ] = None,
-    colors: Annotated[bool, typer.Option("--colors/--no-colors", help="Colours of the map.")] = True,
+    protocol: ProtocolName = "maomaps",
+    voxel_size: VoxelSize = None,
+    min_range: MinRange = None,
+    max_range: MaxRange = None,
+    stride: Stride = None,
+    ceiling: Ceiling = None,
+    max_stamp_gap: StampGap = None,
+    color_gap: ColorGap = None,
+    colors: Colors = True,
     device: Device = "auto",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the run if DIR has it already.")] = False,
     json_file: JsonFile = None,
@@ -68,16 +63,17 @@ def map_recording(
 
     with user_errors(debug):
         check_device_name(device)
-        options = {
-            "--voxel-size": ("voxel_size", voxel_size),
-            "--min-range": ("min_range", min_range),
-            "--max-range": ("max_range", max_range),
-            "--stride": ("pixel_stride", stride),
-            "--max-stamp-gap": ("max_stamp_gap", max_stamp_gap),
-            "--color-gap": ("color_gap", color_gap),
-            "--camera": ("camera", camera_text(camera)),
-        }
-        rules = map_protocol_of(protocol, options, ceiling)
+        rules = map_protocol_of(
+            protocol,
+            ceiling,
+            camera,
+            voxel_size=voxel_size,
+            min_range=min_range,
+            max_range=max_range,
+            stride=stride,
+            max_stamp_gap=max_stamp_gap,
+            color_gap=color_gap,
+        )
         _check_outputs(output, run, overwrite, json_file, (source, trajectory))
         reading = SourceOptions(topics=tuple(topic or ()), format=format, pose_frame=pose_frame)
         with progress_clock() as clock:
@@ -108,50 +104,6 @@ def map_recording(
         out = console()
         for part in ground_truth_table(made):
             out.print(part)
-
-
-def map_protocol_of(name: str, options: dict[str, tuple[str, Any]], ceiling: str | None) -> MapProtocol:
-    """The protocol of that name with what the options say instead.
-
-    Args:
-        name: a preset, or a TOML file.
-        options: field and value of each option, None where it was not given.
-        ceiling: text of `--ceiling`, or None.
-
-    Raises:
-        InputError: naming the option with a value that it cannot take.
-    """
-    from maomaps_warp.protocol_files import load_map_protocol, with_overrides
-
-    given = {option: pair for option, pair in options.items() if pair[1] is not None}
-    rules = load_map_protocol(name)
-    if ceiling is not None:
-        rules = with_overrides(rules, _ceiling(ceiling), f"--ceiling {ceiling}")
-    # Together: the two ranges are only right or wrong as a pair.
-    return with_overrides(rules, dict(given.values()), ", ".join(given)) if given else rules
-
-
-def _ceiling(text: str) -> dict[str, str | float]:
-    from maomaps_warp.errors import InputError
-
-    if text in ("keep", "layer"):
-        return {"ceiling": text}
-    try:
-        return {"ceiling": "height", "ceiling_height": float(text)}
-    except ValueError:
-        raise InputError(f"--ceiling {text}", "is no rule", "keep, layer, or a height in metres") from None
-
-
-def camera_text(text: str | None) -> str | None:
-    """The camera of `--camera`, which may be a file, as a protocol writes it.
-
-    Raises:
-        InputError: it describes none.
-    """
-    camera = camera_of(text)
-    if camera is None:
-        return None
-    return f"{camera.width}x{camera.height}:{camera.fx!r},{camera.fy!r},{camera.cx!r},{camera.cy!r}"
 
 
 def _check_outputs(

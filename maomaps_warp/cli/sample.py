@@ -7,6 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from maomaps_warp.cli.map_options import (
+    Ceiling,
+    ColorGap,
+    Colors,
+    MaxRange,
+    MinRange,
+    ProtocolName,
+    StampGap,
+    Stride,
+    VoxelSize,
+    map_protocol_of,
+)
 from maomaps_warp.cli.options import CameraText, Debug, Device, Format, PoseFrame, Topics
 
 if TYPE_CHECKING:
@@ -29,29 +41,15 @@ def sample(
     format: Format = "auto",
     pose_frame: PoseFrame = "auto",
     camera: CameraText = None,
-    protocol: Annotated[str, typer.Option(help="maomaps, gt_map_creator, or a .toml file; see `explain`.")] = "maomaps",
-    voxel_size: Annotated[float | None, typer.Option(metavar="M", help="Edge of a voxel.", show_default="0.05")] = None,
-    min_range: Annotated[
-        float | None, typer.Option(metavar="M", help="Nearest depth, exclusive.", show_default="0.01")
-    ] = None,
-    max_range: Annotated[
-        float | None, typer.Option(metavar="M", help="Farthest depth, exclusive.", show_default="10")
-    ] = None,
-    stride: Annotated[
-        int | None, typer.Option(metavar="N", help="Every n-th pixel of each row and column.", show_default="1")
-    ] = None,
-    ceiling: Annotated[
-        str | None,
-        typer.Option(metavar="RULE", help="keep, layer (the original's rule), or a height in m.", show_default="keep"),
-    ] = None,
-    max_stamp_gap: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Largest gap between poses around an image.", show_default="0.2"),
-    ] = None,
-    color_gap: Annotated[
-        float | None, typer.Option(metavar="S", help="Largest gap of depth and colours.", show_default="0.02")
-    ] = None,
-    colors: Annotated[bool, typer.Option("--colors/--no-colors", help="Colours of the maps.")] = True,
+    protocol: ProtocolName = "maomaps",
+    voxel_size: VoxelSize = None,
+    min_range: MinRange = None,
+    max_range: MaxRange = None,
+    stride: Stride = None,
+    ceiling: Ceiling = None,
+    max_stamp_gap: StampGap = None,
+    color_gap: ColorGap = None,
+    colors: Colors = True,
     ground: Annotated[
         str, typer.Option(metavar="RULE", help="Ground of the projections: robust, original, or a height in metres.")
     ] = "robust",
@@ -64,7 +62,6 @@ def sample(
     The options hold for all runs. The layout is that of the MAOMaps data set. Exit code 2: an input cannot be used, and
     nothing was written.
     """
-    from maomaps_warp.cli.map import camera_text, map_protocol_of
     from maomaps_warp.cli.terminal import check_device_name, progress_clock, quiet_warp, user_errors
     from maomaps_warp.io.bags import recognise_bag
     from maomaps_warp.io.sample_writing import SamplePlace, check_sample_writable
@@ -74,16 +71,17 @@ def sample(
 
     with user_errors(debug):
         check_device_name(device)
-        options = {
-            "--voxel-size": ("voxel_size", voxel_size),
-            "--min-range": ("min_range", min_range),
-            "--max-range": ("max_range", max_range),
-            "--stride": ("pixel_stride", stride),
-            "--max-stamp-gap": ("max_stamp_gap", max_stamp_gap),
-            "--color-gap": ("color_gap", color_gap),
-            "--camera": ("camera", camera_text(camera)),
-        }
-        rules = map_protocol_of(protocol, options, ceiling)
+        rules = map_protocol_of(
+            protocol,
+            ceiling,
+            camera,
+            voxel_size=voxel_size,
+            min_range=min_range,
+            max_range=max_range,
+            stride=stride,
+            max_stamp_gap=max_stamp_gap,
+            color_gap=color_gap,
+        )
         runs = _named(recordings)
         place = SamplePlace(output, {run: path for run, path in runs.items() if recognise_bag(path)}, bags, overwrite)
         check_sample_writable(place)
