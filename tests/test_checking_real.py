@@ -45,6 +45,7 @@ def test_a_real_recording_is_recognised_as_optical(name):
     assert (found.axis if found.is_clear else None) == up
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 @pytest.mark.parametrize(("axes", "inverse"), [("optical", True), ("body", False)])
 def test_a_real_recording_is_recognised_in_another_form(name, axes, inverse):

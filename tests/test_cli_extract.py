@@ -83,6 +83,7 @@ def test_the_last_cloud_and_the_odometry_of_a_real_lidar_bag(tmp_path: Path) -> 
     assert "the last of 5 clouds is used" in result.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["ply", "txt"])
 def test_every_cloud_of_a_real_bag_is_numbered_and_stamped(tmp_path: Path, suffix: str) -> None:
     path = shared_data("bags_pointcloud") / "embag_test.bag"

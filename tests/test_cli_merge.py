@@ -94,6 +94,7 @@ def test_a_yaw_correction_turns_the_second_source_about_the_first(case, tmp_path
     np.testing.assert_allclose(T, np.linalg.inv(first) @ second, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_map_that_meets_only_a_later_one_is_joined_through_it(case, tmp_path):
     # West and east share nothing: east waits until the middle lies beside west.
     _, (west, middle, east), (_, T_middle, T_east) = case

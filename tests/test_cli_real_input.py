@@ -109,6 +109,7 @@ def test_every_kind_of_bag_of_a_real_recording_gives_the_same_metrics(
     assert 0.01 < found["ros1"]["ate"]["rmse"] < 0.1
 
 
+@pytest.mark.slow
 def test_a_recording_scored_against_itself_gives_zero_and_other_protocols_say_what_they_are(
     real_bags: dict[str, Path], tmp_path: Path
 ) -> None:

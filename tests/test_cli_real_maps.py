@@ -190,6 +190,7 @@ def test_a_moved_copy_of_a_real_run_is_brought_back_trajectory_and_map_alike(
     assert metrics["ame_nn"]["max"] < ALIGNMENT_TOLERANCE_M
 
 
+@pytest.mark.slow
 def test_two_runs_of_the_command_write_the_same_but_for_the_times(small: Path, tmp_path: Path) -> None:
     documents, pairs = [], []
     for i in range(2):

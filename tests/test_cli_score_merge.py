@@ -304,8 +304,6 @@ def test_an_occupancy_grid_alone_is_not_fitted(two: MergeCase):
 def test_the_maps_of_two_real_runs_are_scored_as_they_were_placed(tmp_path: Path):
     from tum_sample import write_sample_bags
 
-    for name in ("first", "second"):
-        (tmp_path / name).mkdir()
     bags = write_sample_bags(tmp_path)
     folder = tmp_path / "sample1"
     words = ["sample", *map(str, bags.values()), "-o", str(folder), "--bags", "none", "--pose-frame", "optical"]

@@ -221,6 +221,7 @@ def test_no_points_have_no_ground():
         project(np.empty((0, 3)), V, found)
 
 
+@pytest.mark.slow
 def test_the_floor_of_the_real_recording_is_found_though_its_desk_is_as_full():
     """Motion capture puts the floor at z = 0; the Kinect bends it by some centimetres. Back-projected here."""
     frames = read_tum()

@@ -115,6 +115,7 @@ def test_the_corrected_protocols_agree_with_the_independent_figures(
         assert getattr(ray.absolute, name) == pytest.approx(expected, rel=CORRECTED)
 
 
+@pytest.mark.slow
 def test_the_ground_truth_scored_against_itself():
     folder = shared_reference("tum_fr1_rpy_a")
     gt, _ = open_original_directory(folder, SourceOptions())
