@@ -5,7 +5,9 @@ Order, timing and progress live here; the mathematics lives in `scoring` and `ma
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.sources import Source
@@ -17,6 +19,7 @@ from maomaps_warp.model.paired_poses import PairedPoses
 from maomaps_warp.model.pose_convention import parse_convention
 from maomaps_warp.model.results import InputSummary, NearestScore, NoValue, RayScore, Score, TrajectoryScore
 from maomaps_warp.model.trajectory import Trajectory
+from maomaps_warp.model.voxels import VoxelMap
 from maomaps_warp.protocol import PRESETS, Protocol, changes_of
 from maomaps_warp.scoring.pairing import pair_and_align
 from maomaps_warp.scoring.summaries import absolute_score, nearest_score, ray_score, relative_score
@@ -83,7 +86,8 @@ def score(
         from maomaps_warp.mapping.device import resolve_device
 
         with clock.stage("start device"):
-            used_device = resolve_device(device)
+            has_frames = gt.frames is not None or est.frames is not None
+            used_device = resolve_device(device, "score", "map") if has_frames else resolve_device(device, "score")
         maps = build_both(gt, est, alignment or Alignment(), protocol, used_device, clock)
     if isinstance(maps, NoValue):
         nearest = ray = maps
@@ -96,7 +100,8 @@ def score(
         else:
             seen_by, used_camera = _camera_of(gt, est, camera, protocol)
             correspondences = _associate(gt_map, est_map, pairs, seen_by, protocol, used_device, clock)
-            ray = ray_score(correspondences, pairs)
+            with clock.stage("association errors"):
+                ray = ray_score(correspondences, pairs, used_device)
     result = Score(
         protocol=protocol,
         camera=used_camera,
@@ -171,11 +176,15 @@ def _associate(
     clock: Stopwatch,
 ) -> Correspondences:
     from maomaps_warp.mapping.cloud_map import octomap_leaves
-    from maomaps_warp.mapping.surface import build_surface
     from maomaps_warp.scoring.association import ViewRules, associate_maps
 
+    build: Callable[[VoxelMap, str], Any]
+    if protocol.caster == "mesh":
+        from maomaps_warp.mapping.surface import build_surface as build
+    else:
+        from maomaps_warp.mapping.distance_field import build_voxel_field as build
     with clock.stage("surfaces"):
-        gt_surface, est_surface = build_surface(gt.voxels, device), build_surface(est.voxels, device)
+        gt_surface, est_surface = build(gt.voxels, device), build(est.voxels, device)
         elements = octomap_leaves(est.voxels) if protocol.prune_leaves else est.voxels.points
     rules = ViewRules(
         camera,
@@ -244,7 +253,7 @@ def _without_effect(
     if isinstance(maps, NoValue):
         idle += ["voxel_size", "cells", "pixel_stride", "min_range", "max_range", "thresholds"]
     if isinstance(ray, NoValue):
-        idle += ["pose_choice", "camera", "near", "view_range", "occlusion_tolerance", "est_point"]
+        idle += ["pose_choice", "camera", "near", "view_range", "occlusion_tolerance", "caster", "est_point"]
     if isinstance(pairs, PairedPoses) and pairs.stamps_ns is None:
         idle += ["match", "max_stamp_gap", "rpe_seconds"]
     changed = changes_of(protocol).keys() | ({"camera"} if camera is not None else set())

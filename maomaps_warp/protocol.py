@@ -15,6 +15,7 @@ from maomaps_warp.model.camera import Camera
 AlignMethod = Literal["none", "origin", "start-pose", "yaw", "se3", "sim3"]
 MatchMethod = Literal["interpolate", "nearest"]
 PoseChoice = Literal["nearest", "first", "last", "all"]
+Caster = Literal["voxels", "mesh"]
 #: How the colours of a voxel's samples become one: their mean, rounded (halves up) or truncated to 8 bits.
 ColorMean = Literal["rounded", "truncated"]
 #: Of back-projection. float32: relative to the middle of the map, times the inverse of the voxel size; float64: in the
@@ -138,6 +139,13 @@ class Protocol:
         "",
         "which of the poses that see an element casts its ray",
         "original scorer: nearest|first|last|all",
+    )
+    caster: Caster = constant(
+        "voxels",
+        "",
+        "how the first voxel on a ray is found: voxels: in leaps through a distance field of the map; mesh: as the"
+        " first of the voxels' exposed faces; they can differ on rays that graze an edge",
+        "ours; docs/performance.md",
     )
     est_point: Literal["first-surface", "element"] = constant(
         "first-surface",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 import warp as wp
@@ -9,8 +11,9 @@ from oracle import associate as oracle_associate
 from scenes import VOXEL, camera_pose, cluttered_room, wall
 from scipy.spatial.transform import Rotation
 
-from maomaps_warp.kernels.association import to_camera
+from maomaps_warp.kernels.association_rules import to_camera
 from maomaps_warp.mapping.cloud_map import voxelise
+from maomaps_warp.mapping.distance_field import build_voxel_field
 from maomaps_warp.mapping.surface import build_surface
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.correspondences import ElementClass
@@ -22,36 +25,42 @@ CAMERA = Camera.from_fov(320, 240, 90.0)
 BAND = 2e-5
 
 
-def _surface(points, device, origin=(10, 10, 6)):
+@pytest.fixture(params=[build_surface, build_voxel_field], ids=["mesh", "voxels"])
+def build(request, device):
+    """What makes a map ready for rays: a mesh of its faces, or a distance field."""
+    return partial(request.param, device=device)
+
+
+def _surface(points, build, origin=(10, 10, 6)):
     grid = VoxelGrid(VOXEL, np.array(origin, dtype=np.int64))
-    return build_surface(voxelise(np.asarray(points, dtype=float), grid), device)
+    return build(voxelise(np.asarray(points, dtype=float), grid))
 
 
 def _poses(*poses):
     return np.stack(poses)
 
 
-def _run(est, gt, T_est, T_gt, device, *, first=True, elements=None, **rules):
-    e, g = _surface(est, device), _surface(gt, device)
+def _run(est, gt, T_est, T_gt, build, *, first=True, elements=None, **rules):
+    e, g = _surface(est, build), _surface(gt, build)
     chosen = e.voxels.points if elements is None else np.asarray(elements, dtype=float)
     rules.setdefault("camera", CAMERA)
     return associate_maps(chosen, e, g, T_est, T_gt, ViewRules(**rules), first_surface_is_estimate=first)
 
 
-def test_a_wall_too_far_by_ten_centimetres_has_that_error_along_the_ray(device):
+def test_a_wall_too_far_by_ten_centimetres_has_that_error_along_the_ray(build):
     gt, est = wall(2.0, (-1, 1), (-0.5, 0.5)), wall(2.1, (-1, 1), (-0.5, 0.5))
     T = _poses(camera_pose((0, 0, 0), 0.0))
-    c = _run([[2.1, 0, 0]], gt, T, T, device)
+    c = _run([[2.1, 0, 0]], gt, T, T, build)
     assert c.counts == {"total": 1, "associated": 1, "out_of_view": 0, "occluded": 0, "no_ground_truth": 0}
     np.testing.assert_allclose(c.absolute_errors(), 0.1, atol=1e-12)
-    assert len(_run(est, gt, T, T, device)) == len(est)
+    assert len(_run(est, gt, T, T, build)) == len(est)
 
 
-def test_the_transferred_ray_starts_from_the_ground_truth_pose(device):
+def test_the_transferred_ray_starts_from_the_ground_truth_pose(build):
     # The estimate believes the camera 0.3 m further on and turned by 90 degrees; it sees its wall at 1.7 m.
     T_gt, T_est = camera_pose((0, 0, 0), 0.0), camera_pose((5, 5, 0), np.pi / 2)
     est = [[5.0, 6.7, 0.0]]
-    c = _run(est, wall(2.0, (-1, 1), (-0.5, 0.5)), _poses(T_est), _poses(T_gt), device)
+    c = _run(est, wall(2.0, (-1, 1), (-0.5, 0.5)), _poses(T_est), _poses(T_gt), build)
     np.testing.assert_allclose(c.gt(), [[2.0, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(c.est(), est, atol=1e-12)
     np.testing.assert_allclose(c.relative_errors(_poses(T_est), _poses(T_gt)), 0.3, atol=1e-9)
@@ -59,30 +68,30 @@ def test_the_transferred_ray_starts_from_the_ground_truth_pose(device):
 
 
 @pytest.mark.parametrize("choice", ["nearest", "first", "last", "all"])
-def test_a_map_scored_against_itself_gives_exactly_zero(device, choice):
+def test_a_map_scored_against_itself_gives_exactly_zero(build, choice):
     room = cluttered_room(3)
     T = _poses(*[camera_pose((0.7 + 0.1 * i, 1.1, 0.7), 0.9 * i, 0.1 * i) for i in range(7)])
-    c = _run(room, room, T, T, device, pose_choice=choice)
+    c = _run(room, room, T, T, build, pose_choice=choice)
     assert len(c) > 500
     assert not c.absolute_errors().any()
 
 
-def test_the_element_itself_is_the_estimate_when_the_protocol_says_so(device):
+def test_the_element_itself_is_the_estimate_when_the_protocol_says_so(build):
     # Two voxels behind one another: the far one is seen through the near one, within the tolerance.
     est = [[1.0, 0, 0], [1.2, 0, 0]]
     T = _poses(camera_pose((0, 0, 0), 0.0))
     gt = [[1.0, 0, 0]]
-    seen = _run(est, gt, T, T, device, first=True)
-    printed = _run(est, gt, T, T, device, first=False)
+    seen = _run(est, gt, T, T, build, first=True)
+    printed = _run(est, gt, T, T, build, first=False)
     np.testing.assert_allclose(seen.absolute_errors(), [0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(printed.absolute_errors(), [0.0, 0.2], atol=1e-12)
 
 
-def test_every_element_ends_in_exactly_one_class(device):
+def test_every_element_ends_in_exactly_one_class(build):
     est = [[1.0, 0, 0], [2.0, 0, 0], [-1.0, 0, 0], [1.0, 0.5, 0]]
     gt = [[1.3, 0, 0]]
     T = _poses(camera_pose((0, 0, 0), 0.0))
-    c = _run(est, gt, T, T, device)
+    c = _run(est, gt, T, T, build)
     by_point = {tuple(np.round(p, 2)): ElementClass(k) for p, k in zip(c.elements, c.classes, strict=True)}
     assert by_point == {
         (1.0, 0.0, 0.0): ElementClass.ASSOCIATED,
@@ -94,18 +103,18 @@ def test_every_element_ends_in_exactly_one_class(device):
     assert counts.pop("total") == sum(counts.values()) == 4
 
 
-def test_points_behind_the_camera_count_only_under_the_two_sided_rule(device):
+def test_points_behind_the_camera_count_only_under_the_two_sided_rule(build):
     T = _poses(camera_pose((0, 0, 0), 0.0))
-    assert _run([[-1, 0, 0]], [[-1, 0, 0]], T, T, device).counts["out_of_view"] == 1
-    assert _run([[-1, 0, 0]], [[-1, 0, 0]], T, T, device, two_sided=True).counts["associated"] == 1
+    assert _run([[-1, 0, 0]], [[-1, 0, 0]], T, T, build).counts["out_of_view"] == 1
+    assert _run([[-1, 0, 0]], [[-1, 0, 0]], T, T, build, two_sided=True).counts["associated"] == 1
 
 
-def test_the_image_ends_at_its_last_pixel(device):
+def test_the_image_ends_at_its_last_pixel(build):
     T = _poses(camera_pose((0, 0, 0), 0.0))
     inside, outside = [1.0, 0.95, 0.7], [1.0, 1.05, 0.0]
     above = [1.0, 0.0, 0.8]
     elements = [inside, outside, above]
-    c = _run(elements, elements, T, T, device)
+    c = _run(elements, elements, T, T, build)
     by_point = {tuple(np.round(p, 2)): ElementClass(k).name for p, k in zip(c.elements, c.classes, strict=True)}
     assert by_point == {
         tuple(inside): "ASSOCIATED",
@@ -114,46 +123,46 @@ def test_the_image_ends_at_its_last_pixel(device):
     }
 
 
-def test_range_and_near_limits_put_elements_out_of_view(device):
+def test_range_and_near_limits_put_elements_out_of_view(build):
     T = _poses(camera_pose((0, 0, 0), 0.0))
-    assert _run([[3, 0, 0]], [[3, 0, 0]], T, T, device, max_range=2.5).counts["out_of_view"] == 1
-    assert _run([[3, 0, 0]], [[3, 0, 0]], T, T, device, near=3.5).counts["out_of_view"] == 1
+    assert _run([[3, 0, 0]], [[3, 0, 0]], T, T, build, max_range=2.5).counts["out_of_view"] == 1
+    assert _run([[3, 0, 0]], [[3, 0, 0]], T, T, build, near=3.5).counts["out_of_view"] == 1
 
 
-def test_a_camera_inside_an_occupied_voxel_sees_that_voxel_and_not_through_it(device):
+def test_a_camera_inside_an_occupied_voxel_sees_that_voxel_and_not_through_it(build):
     est = [[1.0, 0, 0], [2.0, 0, 0]]
     for choice in ("nearest", "all"):
         for x in (0.98, 0.995, 1.0, 1.02):  # before the voxel's centre, at it, past it
             T = _poses(camera_pose((x, 0.01, 0), 0.0))
-            c = _run(est, est, T, T, device, pose_choice=choice)
+            c = _run(est, est, T, T, build, pose_choice=choice)
             assert c.classes.tolist() == [ElementClass.ASSOCIATED, ElementClass.OCCLUDED]
             assert not c.absolute_errors().any()
 
 
-def test_the_choice_of_the_pose(device):
+def test_the_choice_of_the_pose(build):
     # Three poses on a line see the wall; the ground truth of each is another wall distance.
     T_est = _poses(*[camera_pose((x, 0, 0), 0.0) for x in (0.0, 1.0, 0.5)])
     T_gt = _poses(*[camera_pose((x, 0, 0), 0.0) for x in (0.0, 0.8, 0.1)])
     est, gt = [[2.0, 0, 0]], wall(2.0, (-0.5, 0.5), (-0.5, 0.5))
     chosen = {
-        choice: _run(est, gt, T_est, T_gt, device, pose_choice=choice).pose.tolist()
+        choice: _run(est, gt, T_est, T_gt, build, pose_choice=choice).pose.tolist()
         for choice in ("nearest", "first", "last", "all")
     }
     assert chosen == {"nearest": [1], "first": [0], "last": [2], "all": [0, 1, 2]}
 
 
-def test_of_equally_near_poses_the_lower_index_is_chosen(device):
+def test_of_equally_near_poses_the_lower_index_is_chosen(build):
     # The poses are tried in a shuffled order, so that index 3, the first of the nearer ones, is seldom tried first.
     far, near = camera_pose((0, 0, 0), 0.0), camera_pose((0.5, 0, 0), 0.0)
     T = _poses(*[far] * 3, *[near] * 13)
-    assert _run([[2, 0, 0]], [[2, 0, 0]], T, T, device).pose.tolist() == [3]
+    assert _run([[2, 0, 0]], [[2, 0, 0]], T, T, build).pose.tolist() == [3]
 
 
-def test_an_element_exactly_at_the_tolerance_behind_the_surface_is_occluded_wherever_the_grid_lies(device):
+def test_an_element_exactly_at_the_tolerance_behind_the_surface_is_occluded_wherever_the_grid_lies(build):
     T = _poses(camera_pose((0, 0, 0), 0.0))
     est = [[1.0, 0, 0], [1.5, 0, 0], [1.45, 0, 0]]
     for origin in ((10, 10, 6), (0, 0, 0), (-2000, 36, 1234)):
-        e = _surface(est, device, origin=origin)
+        e = _surface(est, build, origin=origin)
         c = associate_maps(e.voxels.points, e, e, T, T, ViewRules(CAMERA, occlusion_tolerance=0.5))
         classes = dict(zip(np.round(c.elements[:, 0], 2).tolist(), c.classes.tolist(), strict=True))
         assert classes == {
@@ -163,54 +172,51 @@ def test_an_element_exactly_at_the_tolerance_behind_the_surface_is_occluded_wher
         }
 
 
-def test_far_walls_are_reached(device):
+def test_far_walls_are_reached(build):
     T = _poses(camera_pose((0, 0, 0), 0.0))
-    assert _run([[60.0, 0, 0]], [[75.0, 0, 0]], T, T, device).absolute_errors() == pytest.approx([15.0])
+    assert _run([[60.0, 0, 0]], [[75.0, 0, 0]], T, T, build).absolute_errors() == pytest.approx([15.0])
 
 
 @wp.kernel(enable_backward=False)
-def _to_camera(T: wp.array(dtype=wp.transformf), p: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.vec3)):
+def _to_camera(R: wp.array(dtype=wp.mat33), offsets: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    out[i] = to_camera(T[i], p[i])
+    out[i] = to_camera(R[i], offsets[i])
 
 
-def test_camera_coordinates_do_not_lose_precision_far_from_the_origin(device):
-    rng = np.random.default_rng(0)
-    position = np.round(rng.uniform(-5000, 5000, size=(200, 3)) * 64) / 64  # exact in float32
-    offset = np.round(rng.uniform(-5, 5, size=(200, 3)) * 64) / 64
+def test_camera_coordinates_are_those_of_the_inverse_rotation(device):
+    offset = np.random.default_rng(0).uniform(-5, 5, size=(200, 3))
     rotation = Rotation.random(200, random_state=1)
-    xyzw = rotation.as_quat().astype(np.float32)
-    T = wp.array(np.hstack([position, xyzw]).astype(np.float32), dtype=wp.transformf, device=device)
+    R = wp.array(rotation.as_matrix().astype(np.float32), dtype=wp.mat33, device=device)
     out = wp.empty(200, dtype=wp.vec3, device=device)
-    points = wp.array((position + offset).astype(np.float32), dtype=wp.vec3, device=device)
-    wp.launch(_to_camera, dim=200, inputs=[T, points], outputs=[out], device=device)
+    offsets = wp.array(offset.astype(np.float32), dtype=wp.vec3, device=device)
+    wp.launch(_to_camera, dim=200, inputs=[R, offsets], outputs=[out], device=device)
     # 5 m times a few roundings of float32.
     np.testing.assert_allclose(out.numpy(), rotation.inv().apply(offset), atol=5e-6)
 
 
-def test_no_poses_leave_every_element_out_of_view(device):
+def test_no_poses_leave_every_element_out_of_view(build):
     none = np.empty((0, 4, 4))
     for choice in ("nearest", "first", "last", "all"):
-        c = _run([[2, 0, 0]], [[2, 0, 0]], none, none, device, pose_choice=choice)
+        c = _run([[2, 0, 0]], [[2, 0, 0]], none, none, build, pose_choice=choice)
         assert c.counts["out_of_view"] == 1
         assert len(c) == 0
 
 
-def test_no_elements_give_no_correspondences(device):
+def test_no_elements_give_no_correspondences(build):
     T = _poses(camera_pose((0, 0, 0), 0.0))
-    c = _run([[2, 0, 0]], [[2, 0, 0]], T, T, device, elements=np.empty((0, 3)))
+    c = _run([[2, 0, 0]], [[2, 0, 0]], T, T, build, elements=np.empty((0, 3)))
     assert c.counts["total"] == len(c) == len(c.absolute_errors()) == 0
 
 
 @pytest.mark.parametrize("choice", ["nearest", "first", "last"])
-def test_a_cluttered_room_agrees_with_the_twin(device, choice):
+def test_a_cluttered_room_agrees_with_the_twin(build, choice):
     rng = np.random.default_rng(7)
     gt, est = cluttered_room(5), cluttered_room(6)
     T_gt = _poses(*[camera_pose(tuple(rng.uniform([0.5, 0.5, 0.4], [2.4, 2.0, 1.1])), a) for a in range(6)])
     T_est = T_gt.copy()
     T_est[:, :3, 3] += rng.normal(scale=0.03, size=(6, 3))
     elements = est[rng.choice(len(est), 250, replace=False)]
-    c = _run(est, gt, T_est, T_gt, device, elements=elements, pose_choice=choice)
+    c = _run(est, gt, T_est, T_gt, build, elements=elements, pose_choice=choice)
 
     def cells(points):
         return set(map(tuple, np.rint(points / VOXEL).astype(int).tolist()))
@@ -231,8 +237,18 @@ def test_a_cluttered_room_agrees_with_the_twin(device, choice):
     assert compared > 200
 
 
-def test_surfaces_on_different_grids_are_a_programming_mistake(device):
-    a, b = _surface([[0, 0, 0]], device), _surface([[0, 0, 0]], device, origin=(0, 0, 0))
+def test_surfaces_on_different_grids_are_a_programming_mistake(build):
+    a, b = _surface([[0, 0, 0]], build), _surface([[0, 0, 0]], build, origin=(0, 0, 0))
     T = _poses(camera_pose((0, 0, 0), 0.0))
     with pytest.raises(ValueError, match="grid"):
         associate_maps(a.voxels.points, a, b, T, T, ViewRules(CAMERA))
+
+
+def test_a_mesh_and_a_distance_field_do_not_mix(device):
+    grid = VoxelGrid(VOXEL, np.zeros(3, dtype=np.int64))
+    voxels = voxelise(np.zeros((1, 3)), grid)
+    T = _poses(camera_pose((0, 0, 0), 0.0))
+    with pytest.raises(ValueError, match="one kind"):
+        associate_maps(
+            np.zeros((1, 3)), build_surface(voxels, device), build_voxel_field(voxels, device), T, T, ViewRules(CAMERA)
+        )

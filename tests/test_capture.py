@@ -15,7 +15,7 @@ from maomaps_warp.kernels import (
     integrate_depth,
 )
 from maomaps_warp.mapping.cloud_map import voxelise
-from maomaps_warp.mapping.poses import transforms_relative_to
+from maomaps_warp.mapping.depth_samples import cells_from_camera
 from maomaps_warp.mapping.surface import build_surface
 from maomaps_warp.model.voxels import VoxelGrid
 from maomaps_warp.scoring.nearest import build_point_tree
@@ -25,8 +25,7 @@ GRID = VoxelGrid(0.05, np.zeros(3, dtype=np.int64))
 
 def _sampling():
     sampling = DepthSampling()
-    sampling.min_range, sampling.max_range, sampling.depth_scale = 0.01, 10.0, 1.0
-    sampling.inv_voxel_size, sampling.center_offset, sampling.stride = 20.0, 0.0, 1
+    sampling.min_range, sampling.max_range, sampling.center_offset, sampling.stride = 0.01, 10.0, 0.0, 1
     return sampling
 
 
@@ -46,16 +45,16 @@ def test_a_captured_integration_maps_the_frame_and_pose_that_its_arrays_hold_at_
     rng = np.random.default_rng(0)
     depths = rng.uniform(0.5, 3.0, size=(3, 20, 20)).astype(np.float32)
     poses = np.stack([camera_pose((0.3 * i, 0, 1), 0.7 * i) for i in range(3)])
-    transforms = transforms_relative_to(GRID.origin, poses)
+    transforms = cells_from_camera(poses, GRID)
     expected = create_voxel_hash(1 << 13, device)
     for depth, transform in zip(depths, transforms, strict=True):
-        put = wp.array(transform[None], dtype=wp.transformf, device=device)
+        put = wp.array(transform[None], dtype=wp.mat44, device=device)
         frame = wp.array(depth, dtype=wp.float32, device=device)
         integrate_depth(frame, _pinhole(), put, _sampling(), out_table=expected)
 
     table = create_voxel_hash(1 << 13, device)
     depth = wp.zeros((20, 20), dtype=wp.float32, device=device)
-    pose = wp.zeros(1, dtype=wp.transformf, device=device)
+    pose = wp.zeros(1, dtype=wp.mat44, device=device)
     with wp.ScopedCapture(device=device) as capture:
         integrate_depth(depth, _pinhole(), pose, _sampling(), out_table=table)
     for frame, transform in zip(depths, transforms, strict=True):

@@ -10,7 +10,7 @@ from scenes import camera_pose, rendered_depth
 from maomaps_warp.errors import InputError
 from maomaps_warp.kernels import voxel_hash
 from maomaps_warp.kernels.voxel_hash import rehash
-from maomaps_warp.mapping import voxel_map
+from maomaps_warp.mapping import hash_map
 from maomaps_warp.mapping.cloud_map import check_extent, octomap_leaves, voxelise
 from maomaps_warp.mapping.voxel_map import DepthLimits, build_voxel_map
 from maomaps_warp.model.camera import Camera
@@ -105,21 +105,21 @@ def test_the_table_grows_and_drops_nothing(device, monkeypatch):
     colors = np.random.default_rng(6).integers(0, 256, size=(12, 48, 64, 3), dtype=np.uint8)
 
     def build():
-        stream = _stream(depths, colors)
-        return build_voxel_map(
-            stream, lambda f: poses[f.index], _grid(), DepthLimits(), colors="rounded", device=device
-        )
+        table = hash_map.HashMap(CAMERA, _grid(), DepthLimits(), with_colors=True, device=device)
+        for depth, color, pose in zip(depths, colors, poses, strict=True):
+            table.add(depth, color, pose)
+        return table.finish("test frames", "rounded")
 
     at_once = build()
     moves = []
-    monkeypatch.setattr(voxel_map, "_FIRST_CAPACITY", 1 << 10)
+    monkeypatch.setattr(hash_map, "_FIRST_CAPACITY", 1 << 10)
     monkeypatch.setattr(voxel_hash, "rehash", lambda a, b: (moves.append(a.keys.shape[0]), rehash(a, b)))
     grown = build()
     assert len(moves) >= 3
-    np.testing.assert_array_equal(grown.voxels.ijk, at_once.voxels.ijk)
-    np.testing.assert_array_equal(grown.voxels.counts, at_once.voxels.counts)
-    np.testing.assert_array_equal(grown.voxels.colors, at_once.voxels.colors)
-    assert grown.pixels_used == np.count_nonzero(depths)
+    np.testing.assert_array_equal(grown.ijk, at_once.ijk)
+    np.testing.assert_array_equal(grown.counts, at_once.counts)
+    np.testing.assert_array_equal(grown.colors, at_once.colors)
+    assert grown.counts.sum() == np.count_nonzero(depths)
 
 
 def test_frames_without_a_pose_are_counted_and_left_out(device):

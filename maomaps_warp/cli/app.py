@@ -1,36 +1,68 @@
-"""The application and its commands, one file each."""
+"""The application and its commands, one file each; a command's file is loaded when that command is run."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from maomaps_warp.cli.check import check
-from maomaps_warp.cli.demo import demo
-from maomaps_warp.cli.describe import describe
-from maomaps_warp.cli.explain import explain
-from maomaps_warp.cli.extract import extract
-from maomaps_warp.cli.map import map_recording
-from maomaps_warp.cli.merge import merge
-from maomaps_warp.cli.merge_table import merge_table
-from maomaps_warp.cli.pack import pack
-from maomaps_warp.cli.project import project
-from maomaps_warp.cli.sample import sample
-from maomaps_warp.cli.score import score
-from maomaps_warp.cli.score_2d import score_2d
-from maomaps_warp.cli.score_merge import score_merge
+from maomaps_warp.cli import EXIT_INTERRUPTED
 from maomaps_warp.cli.terminal import EXIT_BAD_INPUT, complain
-from maomaps_warp.cli.transform import transform
+
+#: Name of each command, in the order of the help, and the function in `maomaps_warp.cli` that is it.
+_COMMANDS = {
+    "score": "score.score",
+    "demo": "demo.demo",
+    "explain": "explain.explain",
+    "check": "check.check",
+    "map": "map.map_recording",
+    "sample": "sample.sample",
+    "describe": "describe.describe",
+    "transform": "transform.transform",
+    "extract": "extract.extract",
+    "pack": "pack.pack",
+    "merge": "merge.merge",
+    "score-merge": "score_merge.score_merge",
+    "merge-table": "merge_table.merge_table",
+    "project": "project.project",
+    "score-2d": "score_2d.score_2d",
+}
 
 #: Base of every error about the words of a command; typer exports only this one's child.
 _UsageError: Any = typer.BadParameter.__base__
 
+_PLAIN: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 
-class _OneLineErrors(TyperGroup):
+
+class _LoadedOnUse(Mapping[str, Any]):
+    """The commands by name; looking one up imports its file and reads its options, a few milliseconds each."""
+
+    def __getitem__(self, name: str) -> Any:
+        file, function = _COMMANDS[name].split(".")
+        alone = typer.Typer(**_PLAIN)
+        alone.command(name)(getattr(import_module(f"maomaps_warp.cli.{file}"), function))
+        return typer.main.get_command(alone)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_COMMANDS)
+
+    def __len__(self) -> int:
+        return len(_COMMANDS)
+
+
+class _Group(TyperGroup):
     """Says in one line what is wrong with a command, as for every other bad input."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = _LoadedOnUse()  # type: ignore[assignment]  # it is never written to
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(self.commands)
 
     def main(self, *args: Any, **options: Any) -> Any:
         standalone = options.pop("standalone_mode", True)
@@ -43,18 +75,18 @@ class _OneLineErrors(TyperGroup):
             complain(f"{error.format_message().replace('Value error, ', '')} (see --help)")
             sys.exit(EXIT_BAD_INPUT)
         except typer.Abort:
-            sys.exit(130)
+            code = EXIT_INTERRUPTED
+        if code == EXIT_INTERRUPTED:  # what typer makes of Ctrl-C, without a word
+            raise KeyboardInterrupt
         sys.exit(code if isinstance(code, int) else 0)
 
 
 app = typer.Typer(
     name="maomaps-warp",
     help="Measure how good the maps of visual SLAM are.",
-    cls=_OneLineErrors,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+    cls=_Group,
     context_settings={"help_option_names": ["-h", "--help"]},
+    **_PLAIN,
 )
 
 
@@ -76,25 +108,3 @@ def _options(
     """Measure how good the maps of visual SLAM are."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
-
-
-app.command()(score)
-app.command()(demo)
-app.command()(explain)
-app.command()(check)
-app.command("map")(map_recording)
-app.command()(sample)
-app.command()(describe)
-app.command()(transform)
-app.command()(extract)
-app.command()(pack)
-app.command()(merge)
-app.command("score-merge")(score_merge)
-app.command("merge-table")(merge_table)
-app.command()(project)
-app.command("score-2d")(score_2d)
-
-
-def main() -> None:
-    """Entry point of `maomaps-warp`."""
-    app()

@@ -21,7 +21,7 @@ from maomaps_warp.cli.options import (
     camera_of,
     yaw_of,
 )
-from maomaps_warp.protocol import AlignMethod, MatchMethod, PoseChoice
+from maomaps_warp.protocol import AlignMethod, Caster, MatchMethod, PoseChoice
 
 if TYPE_CHECKING:
     from maomaps_warp.io.sources import Side, Source, SourceOptions
@@ -71,6 +71,10 @@ def score(
         PoseChoice | None,
         typer.Option(help="Which of the poses that see an element.", show_default="nearest"),
     ] = None,
+    caster: Annotated[
+        Caster | None,
+        typer.Option(help="How rays find voxels: through a distance field, or their mesh.", show_default="voxels"),
+    ] = None,
     camera: CameraText = None,
     voxel_size: Annotated[float | None, typer.Option(metavar="M", help="Edge of a voxel.", show_default="0.05")] = None,
     device: Device = "auto",
@@ -99,6 +103,7 @@ def score(
             "max_stamp_gap": max_stamp_gap,
             "t_offset": t_offset,
             "pose_choice": pose_choice,
+            "caster": caster,
             "voxel_size": voxel_size,
         }
         parts = (gt, est, gt_map, gt_trajectory, est_map, est_trajectory)
@@ -110,6 +115,9 @@ def score(
         if directory is not None and any(part is not None for part in parts):
             raise InputError(directory, "given beside --gt or --est", "give the directory alone, or only options")
         with progress_clock() as clock:
+            if directory is not None or (_has_map(gt, gt_map) and _has_map(est, est_map)):
+                with clock.stage("start device"):
+                    _start_device(device)  # before reading: large maps are parsed by a kernel
             with clock.stage("read"):
                 if directory is not None:
                     gt_source, est_source = _open_directory(directory, gt_options)
@@ -120,6 +128,19 @@ def score(
                 raise InputError(f"--run {run}", "neither side is a MAOMaps sample directory", "leave it away")
             scored = run_pipeline(gt_source, est_source, rules, lens, device, clock)
         report(scored, json_file, correspondences)
+
+
+def _has_map(whole: Path | None, map_part: Path | None) -> bool:
+    """Whether a side surely has a map, before anything is read: a map of its own, or a folder."""
+    return map_part is not None or (whole is not None and whole.is_dir())
+
+
+def _start_device(name: str) -> None:
+    from maomaps_warp.cli.terminal import quiet_warp
+    from maomaps_warp.mapping.device import resolve_device
+
+    quiet_warp()
+    resolve_device(name, "score")
 
 
 def run_pipeline(

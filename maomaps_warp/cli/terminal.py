@@ -91,13 +91,15 @@ def quiet_warp() -> None:
     """Start Warp without its greeting and without the line its C++ prints where there is no CUDA driver."""
     import warp as wp
 
+    from maomaps_warp.mapping.device import start_warp
+
     wp.config.quiet = True
     wp.config.log_level = wp.LOG_ERROR
     sys.stderr.flush()
     kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
-        wp.init()
+        start_warp()
     finally:
         os.dup2(kept, 2)
         os.close(kept)

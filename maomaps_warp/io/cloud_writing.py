@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
 from maomaps_warp.io.pcd import FLOAT32_REACH_M, write_pcd
+from maomaps_warp.io.text_rows import text_rows
 
 
 def write_cloud(path: Path, points: NDArray[np.float64], colors: NDArray[np.uint8] | None = None) -> None:
@@ -65,13 +66,9 @@ def write_xyz(
     """
     large = bool(len(points)) and float(np.abs(points).max()) > FLOAT32_REACH_M
     numbers = points.astype(np.float64 if large or exact else np.float32) + 0  # + 0 turns -0 into 0
-    # Maps repeat few different coordinates (voxel centres): each is turned into text once.
-    distinct, inverse = np.unique(numbers, return_inverse=True)
-    text = [str(number).removesuffix(".0") for number in distinct]
-    ends = ["\n"] * len(points) if colors is None else [f" {r} {g} {b}\n" for r, g, b in colors.tolist()]
-    with write_whole(path, "w") as file:
-        for (x, y, z), end in zip(inverse.reshape(-1, 3).tolist(), ends, strict=True):
-            file.write(f"{text[x]} {text[y]} {text[z]}{end}")
+    columns = [*numbers.T, *(() if colors is None else colors.T)]
+    with write_whole(path, "wb") as file:
+        file.writelines(text_rows(columns, lambda number: str(number).removesuffix(".0")))
 
 
 def write_ply(path: Path, points: NDArray[np.float64], colors: NDArray[np.uint8] | None = None) -> None:

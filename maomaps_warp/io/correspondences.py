@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.io.outputs import write_whole
+from maomaps_warp.io.text_rows import text_rows
 from maomaps_warp.model.correspondences import Correspondences, in_camera
 
 
@@ -44,5 +45,6 @@ def write_correspondences(
                 T_world_camera_gt=T_world_camera_gt,
             )
         return
-    with write_whole(path, "w") as file:
-        np.savetxt(file, np.hstack([correspondences.gt(), correspondences.est()]), fmt="%.9g")
+    columns = [*correspondences.gt().T, *correspondences.est().T]
+    with write_whole(path, "wb") as file:
+        file.writelines(text_rows(columns, lambda number: f"{number:.9g}"))

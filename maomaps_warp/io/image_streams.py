@@ -8,6 +8,7 @@ from pathlib import Path
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.images import check_image_size, read_color_image, read_depth_image
+from maomaps_warp.io.read_ahead import ahead
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 
@@ -28,7 +29,7 @@ class ImageFiles:
 
 
 def stream_images(folder: Path, images: Sequence[ImageFiles], camera: Camera, scale: float) -> FrameStream:
-    """Frames of these images in this order, each read when its turn comes.
+    """Frames of these images in this order, read when their turn comes, a few ahead.
 
     Args:
         folder: where they come from, for messages.
@@ -44,8 +45,9 @@ def stream_images(folder: Path, images: Sequence[ImageFiles], camera: Camera, sc
     _read_frame(0, images[0], camera, scale, with_colors=False)
 
     def read(with_colors: bool) -> Iterator[Frame]:
-        for index, image in enumerate(images):
-            yield _read_frame(index, image, camera, scale, with_colors)
+        return ahead(
+            lambda index: _read_frame(index, images[index], camera, scale, with_colors), iter(range(len(images)))
+        )
 
     return FrameStream(camera, len(images), read, str(folder))
 

@@ -30,6 +30,8 @@ MAX_COLOR_GAP_NS = 20_000_000
 
 #: Raw 16-bit value that means "no measurement", beside 0.
 MISSING_16BIT = 65535
+#: The same as the bits of a float32.
+_MISSING_BITS = int(np.float32(MISSING_16BIT).view(np.uint32))
 #: Pixel type and metres per unit of the depth encodings of sensor_msgs/Image (REP 118).
 DEPTH_ENCODINGS = {"32FC1": ("f4", 1.0), "16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3)}
 #: Where red, green and blue lie in a pixel of the colour encodings of sensor_msgs/Image, and bytes per pixel.
@@ -111,7 +113,8 @@ def decode_depth(
         raise InputError(where, f"depth encoding {encoding!r}", f"known: {', '.join(DEPTH_ENCODINGS)}")
     kind, scale = DEPTH_ENCODINGS[encoding]
     dtype = np.dtype(kind).newbyteorder(">" if is_bigendian else "<")
-    return _metres(_rows(data, (height, width), step, dtype, where), scale)
+    # A copy where rows are padded or start anywhere: kernels want aligned arrays.
+    return _metres(np.require(_rows(data, (height, width), step, dtype, where), requirements=["C", "A"]), scale)
 
 
 def decode_color(
@@ -130,8 +133,13 @@ def decode_color(
     if encoding not in COLOR_ENCODINGS:
         raise InputError(where, f"colour encoding {encoding!r}", f"known: {', '.join(COLOR_ENCODINGS)}")
     order, channels = COLOR_ENCODINGS[encoding]
-    pixels = _rows(data, (height, width * channels), step, np.dtype("u1"), where)
-    return np.ascontiguousarray(pixels.reshape(height, width, channels)[:, :, list(order)])
+    pixels = _rows(data, (height, width * channels), step, np.dtype("u1"), where).reshape(height, width, channels)
+    if order == (0, 1, 2) and channels == 3:
+        return np.ascontiguousarray(pixels)
+    rgb = np.empty((height, width, 3), np.uint8)
+    for channel, place in enumerate(order):
+        rgb[:, :, channel] = pixels[:, :, place]
+    return rgb
 
 
 def decode_compressed_depth(
@@ -193,11 +201,15 @@ def check_image_size(shape: tuple[int, ...], camera: Camera, where: object, hint
 
 
 def _metres(raw: NDArray[Any], scale: float) -> NDArray[np.float32]:
-    """Raw depth to float32 metres with 0 for everything that is not a measurement."""
+    """Raw depth to float32 metres with 0 for everything that is not a measurement; `raw` itself where it is that."""
+    # As integers, floats from 0 to the mark of a missing value are smaller than all others, NaN and -0 included.
+    is_plain = raw.dtype == np.float32 and raw.flags.c_contiguous and raw.flags.aligned
+    if is_plain and raw.view(np.uint32).max(initial=0) < _MISSING_BITS:
+        return raw
     valid = np.isfinite(raw) & (raw > 0) & (raw != MISSING_16BIT)
     # Scaled in float64 and rounded once, so that equal depths are equal whatever they were stored as.
     metres = raw if scale == 1.0 else raw.astype(np.float64) * scale
-    return np.where(valid, metres, 0.0).astype(np.float32)
+    return np.where(valid, metres, 0.0).astype(np.float32, copy=False)
 
 
 def _from_inverse_depth(raw: NDArray[np.uint16], quant_a: float, quant_b: float) -> NDArray[np.float32]:

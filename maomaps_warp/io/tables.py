@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.io.plain_tables import LEAST_BYTES, parse_plain_table
 
 #: First bytes of files that people hand over by mistake, and what to call them.
 SIGNATURES = (
@@ -76,35 +78,57 @@ def place(path: Path, line: int) -> str:
     return f"{path}, line {line}"
 
 
-def read_table(path: Path, *, columns: set[int] | None = None, keep_first: bool = False) -> Table:
+def read_table(path: Path, *, columns: set[int] | None = None, keep_first: bool = False, is_map: bool = False) -> Table:
     """Reads a table of numbers: blanks, commas or semicolons between them, `#`, `%` and `//` comments.
 
     Args:
         path: a UTF-8 text file, with or without byte order mark, with any line ends.
         columns: the numbers of columns that are allowed; None for any.
         keep_first: also keep the first column as text.
+        is_map: large ones are parsed by a kernel where Warp is loaded anyway; the numbers are the same.
 
     Raises:
         InputError: the file cannot be read, is not text, holds no row, something that is no number, rows of
             unequal length or a number of columns that is not allowed.
     """
     path = Path(path)
-    rows, lines = data_rows(decode_text(path, read_bytes(path)))
+    data = read_bytes(path)
+    table = None
+    is_large = len(data) >= LEAST_BYTES and signature(data) is None
+    if is_map and not keep_first and is_large and "warp" in sys.modules:
+        table = _read_plainly(path, data)
+    table = table or _read_carefully(path, data, keep_first)
+    count = table.values.shape[1]
+    if columns is not None and count not in columns:
+        allowed = " or ".join(str(column) for column in sorted(columns))
+        raise InputError(table.where(0), f"{_counted(count)} a row", f"{allowed} are expected here")
+    return table
+
+
+def _read_plainly(path: Path, data: bytes) -> Table | None:
+    """The table of a text of plain decimal numbers, which most are; None if it is not so plain."""
+    plain = parse_plain_table(data)
+    if plain is None:
+        return None
+    lines = np.arange(plain.first_line, plain.first_line + len(plain.values))
+    return Table(path, plain.values, lines, (), plain.delimited)
+
+
+def _read_carefully(path: Path, data: bytes, keep_first: bool) -> Table:
+    """The table of any text that is one; finds what is wrong with one that is none."""
+    rows, lines = data_rows(decode_text(path, data))
     if not rows:
         raise InputError(path, "holds no rows of numbers")
     rows, delimited = _undelimited(path, rows, lines)
     values = parse_rows(path, rows, lines)
-    if columns is not None and values.shape[1] not in columns:
-        allowed = " or ".join(str(count) for count in sorted(columns))
-        raise InputError(place(path, lines[0]), f"{_counted(values.shape[1])} a row", f"{allowed} are expected here")
     first = tuple(row.split(None, 1)[0] for row in rows) if keep_first else ()
     return Table(path, values, np.array(lines, np.int64), first, delimited)
 
 
 def check_finite(table: Table) -> None:
     """Raise InputError, with the place, if a value is NaN or infinite."""
-    bad = np.flatnonzero(~np.isfinite(table.values).all(axis=1))
-    if len(bad):
+    if not np.isfinite(table.values).all():
+        bad = np.flatnonzero(~np.isfinite(table.values).all(axis=1))
         found = "a value is NaN or infinite" + (f"; {len(bad)} rows are so" if len(bad) > 1 else "")
         raise InputError(table.where(int(bad[0])), found, "remove such rows")
 

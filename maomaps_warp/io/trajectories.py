@@ -155,7 +155,7 @@ def write_maomaps_poses(path: Path, trajectory: Trajectory) -> None:
 def _is_coloured_cloud(path: Path) -> bool:
     if timestamps_beside(path).exists():
         return False
-    table = read_table(path, columns={6})
+    table = read_table(path, columns={6}, is_map=True)  # a large one most likely is
     return are_byte_values(table.values[:, 3:6]) and bool(table.values[:, 3:6].any())
 
 

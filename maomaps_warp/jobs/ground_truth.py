@@ -99,7 +99,7 @@ def build_ground_truth(
     trajectory, notes = _with_known_convention(source, stream, clock)
     notes += (*_jump_notes(trajectory), *_up_notes(trajectory))
     with clock.stage("start device"):
-        used_device = resolve_device(device)
+        used_device = resolve_device(device, "map")
     with clock.stage("map") as progress:
         build = build_voxel_map(
             stream,

@@ -3,63 +3,52 @@
 Each module holds `@wp.struct`s, `@wp.func`s to call from your own kernels, and launchers. Launchers run on the device
 of their arrays, check them, take their outputs as `out_*` or allocate them, and never synchronise; `build_surface`
 alone reads two numbers back.
+
+Registering a kernel takes Warp milliseconds, so each file is loaded when a name of it is first used.
 """
 
-from maomaps_warp.kernels.association import PosePairs, View, associate, associate_all, in_view, to_camera
-from maomaps_warp.kernels.back_projection import DepthSampling, Pinhole, back_project, integrate_depth
-from maomaps_warp.kernels.back_projection_exact import (
-    ExactPinhole,
-    ExactSampling,
-    back_project_exact,
-    cell_of_exact,
-    integrate_depth_exact,
-)
-from maomaps_warp.kernels.nearest import PointTree, find_nearest, nearest_point
-from maomaps_warp.kernels.render import render_mesh
-from maomaps_warp.kernels.surface import Surface, build_surface, cast_rays, first_surface
-from maomaps_warp.kernels.voxel_hash import (
-    VoxelHash,
-    add_sample,
-    build_voxel_index,
-    cell_of,
-    claim_slot,
-    create_voxel_hash,
-    find_slot,
-    pack_key,
-    rehash,
-)
+from __future__ import annotations
 
-__all__ = [
-    "DepthSampling",
-    "ExactPinhole",
-    "ExactSampling",
-    "Pinhole",
-    "PointTree",
-    "PosePairs",
-    "Surface",
-    "View",
-    "VoxelHash",
-    "add_sample",
-    "associate",
-    "associate_all",
-    "back_project",
-    "back_project_exact",
-    "build_surface",
-    "build_voxel_index",
-    "cast_rays",
-    "cell_of",
-    "cell_of_exact",
-    "claim_slot",
-    "create_voxel_hash",
-    "find_nearest",
-    "find_slot",
-    "first_surface",
-    "in_view",
-    "integrate_depth",
-    "integrate_depth_exact",
-    "nearest_point",
-    "pack_key",
-    "rehash",
-    "render_mesh",
-    "to_camera",
-]
+from importlib import import_module
+from typing import Any
+
+#: The public names, by the file that holds them.
+_NAMES = {
+    "association": ("associate", "associate_all"),
+    "association_rules": ("PosePairs", "View", "in_view", "to_camera"),
+    "back_projection": ("DepthSampling", "Pinhole", "back_project", "integrate_depth"),
+    "back_projection_exact": (
+        "ExactPinhole",
+        "ExactSampling",
+        "back_project_exact",
+        "cell_of_exact",
+        "integrate_depth_exact",
+    ),
+    "nearest": ("PointTree", "find_nearest", "nearest_point"),
+    "render": ("render_mesh",),
+    "surface": ("Surface", "build_surface", "cast_rays", "first_surface"),
+    "voxel_hash": (
+        "VoxelHash",
+        "add_sample",
+        "build_voxel_index",
+        "cell_of",
+        "claim_slot",
+        "create_voxel_hash",
+        "find_slot",
+        "pack_key",
+        "rehash",
+    ),
+}
+_HOME = {name: file for file, names in _NAMES.items() for name in names}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'maomaps_warp.kernels' has no attribute {name!r}")
+    return getattr(import_module(f"maomaps_warp.kernels.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

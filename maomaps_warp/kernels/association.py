@@ -2,6 +2,10 @@
 
 Paper, section III-C: a predicted point that the camera sees from its estimated pose is matched with what the camera
 should have seen along the same camera-frame direction from its ground-truth pose.
+
+The kernels here take one thread for each element (and pose). They run on every device and on both kinds of map that
+rays can be cast into: a `Surface` (mesh) and a `DistanceField`. For a CPU `association_packets` gives the same bits in
+a fraction of the time; whatever decides an answer is one function for both, or the same operations in the same order.
 """
 
 from __future__ import annotations
@@ -10,110 +14,79 @@ from typing import Any
 
 import warp as wp
 
+from maomaps_warp.kernels.association_rules import (
+    NO_POSE,
+    OCCLUDED,
+    OUT_OF_VIEW,
+    VISIBLE,
+    PosePairs,
+    View,
+    check_poses,
+    direction_of,
+    in_view,
+    is_camera_inside,
+    is_near,
+    square_length,
+    to_camera,
+    to_map,
+)
 from maomaps_warp.kernels.checks import check_array
+from maomaps_warp.kernels.distance_field import DistanceField, cell_center, ray_origin, voxel_at
 from maomaps_warp.kernels.surface import Surface, check_surface, first_surface
+from maomaps_warp.kernels.voxel_rays import cast_ray
 
 # No fused multiply-adds: CPU and CUDA must agree on the rays that pass an edge.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-NO_POSE = wp.constant(-1)
-# What became of an element, by pose or over all of them.
-OUT_OF_VIEW = wp.constant(0)
-OCCLUDED = wp.constant(1)
-VISIBLE = wp.constant(2)
-
 FAR = wp.constant(wp.float32(1.0e6))  # metres; beyond every map that fits into the packed keys
-# Metres. Many voxel centres lie exactly a tolerance apart (0.5 m = 10 voxels); rounding must not decide there.
-TIE = wp.constant(wp.float32(1.0e-5))
-
-
-@wp.struct
-class View:
-    """Which camera-frame points an image shows."""
-
-    x_min: wp.float32  # borders as slopes x/z and y/z
-    x_max: wp.float32
-    y_min: wp.float32
-    y_max: wp.float32
-    near: wp.float32  # metres along the optical axis, exclusive
-    max_range: wp.float32  # metres, distance to the camera; inf = no limit
-    two_sided: wp.bool  # also the mirrored cone behind the camera (the original's defect)
-
-
-@wp.struct
-class PosePairs:
-    """Matched poses, metres relative to the grid's origin."""
-
-    T_map_est: wp.array(dtype=wp.transformf)  # (P,) camera to the estimated map
-    T_map_gt: wp.array(dtype=wp.transformf)  # (P,) camera to the ground-truth map
 
 
 @wp.func
-def to_camera(T_map_camera: wp.transformf, point: wp.vec3) -> wp.vec3:
-    """`point` (map frame) in the camera's frame, metres."""
-    # The difference first: transform_inverse would subtract two rotated positions, both large far from the origin.
-    offset = point - wp.transform_get_translation(T_map_camera)
-    return wp.quat_rotate_inv(wp.transform_get_rotation(T_map_camera), offset)
+def surface_on_ray(surface: Surface, position: wp.vec3, direction: wp.vec3):
+    """(voxel or -1, its centre) that a camera at `position` sees along `direction` (any length, map frame)."""
+    voxel = first_surface(surface, position, wp.normalize(direction), FAR)
+    center = wp.vec3(0.0, 0.0, 0.0)
+    if voxel >= 0:
+        center = surface.centers[voxel]
+    return voxel, center
 
 
 @wp.func
-def in_view(view: View, p_camera: wp.vec3) -> wp.bool:
-    """Whether the image shows `p_camera` (metres, optical frame), were nothing in the way."""
-    z = p_camera[2]
-    in_front = z > view.near
-    if view.two_sided:
-        in_front = z != 0.0
-    seen = False
-    if in_front:
-        x = p_camera[0] / z
-        y = p_camera[1] / z
-        seen = (
-            x >= view.x_min
-            and x < view.x_max
-            and y >= view.y_min
-            and y < view.y_max
-            and wp.length(p_camera) <= view.max_range
-        )
-    return seen
+def surface_on_ray(field: DistanceField, position: wp.vec3, direction: wp.vec3):  # noqa: F811
+    """The same in a distance field."""
+    cell = cast_ray(field, ray_origin(field, position), direction)
+    voxel = voxel_at(field, cell[0], cell[1], cell[2])
+    center = cell_center(field, wp.float32(cell[0]), wp.float32(cell[1]), wp.float32(cell[2]))
+    return voxel, center
 
 
 @wp.func
-def camera_inside(est: Surface, view: View, T_map_est: wp.transformf, point: wp.vec3) -> wp.bool:
-    """Whether the camera stands in the predicted voxel centred at `point`: it sees that voxel wherever it looks."""
-    offset = point - wp.transform_get_translation(T_map_est)
-    largest = wp.max(wp.abs(offset[0]), wp.max(wp.abs(offset[1]), wp.abs(offset[2])))
-    return not view.two_sided and largest * est.inv_voxel_size < 0.5
-
-
-@wp.func
-def direction_of(p_camera: wp.vec3) -> wp.vec3:
-    """Unit vector to `p_camera`; straight ahead if the camera stands on it."""
-    distance = wp.length(p_camera)
-    direction = wp.vec3(0.0, 0.0, 1.0)
-    if distance > 1.0e-6:
-        direction = p_camera / distance
-    return direction
-
-
-@wp.func
-def ray_hit(surface: Surface, T_map_camera: wp.transformf, direction: wp.vec3) -> wp.int32:
-    """First voxel that a camera at `T_map_camera` sees along a camera-frame unit `direction`, or -1."""
-    origin = wp.transform_get_translation(T_map_camera)
-    return first_surface(surface, origin, wp.transform_vector(T_map_camera, direction), FAR)
-
-
-@wp.func
-def visible_surface(
-    est: Surface, T_map_est: wp.transformf, point: wp.vec3, direction: wp.vec3, tolerance: wp.float32
-) -> wp.int32:
-    """First predicted voxel in the camera-frame unit `direction` of `point`, if it lies within `tolerance`; else -1."""
-    # The ray starts from camera coordinates, as the transferred one does: with equal poses and maps both rays are
-    # the same bits, and a map scored against itself gives exactly zero.
-    hit = ray_hit(est, T_map_est, direction)
-    if hit >= 0:
-        if wp.length(est.centers[hit] - point) >= tolerance - TIE:
-            hit = int(-1)
-    return hit
+def look(
+    point: wp.vec3,
+    rotation: wp.mat33,
+    position: wp.vec3,
+    view: View,
+    est: Any,
+    tolerance: wp.float32,
+):
+    """What the camera of an estimated pose sees of `point`: (status, predicted voxel or -1, camera-frame direction)."""
+    offset = point - position
+    square_distance = square_length(offset)
+    p_camera = to_camera(rotation, offset)
+    direction = direction_of(p_camera, square_distance)
+    status = int(OUT_OF_VIEW)
+    voxel = int(-1)
+    inside = is_camera_inside(view, offset[0], offset[1], offset[2], est.inv_voxel_size)
+    if in_view(view, p_camera, square_distance) or inside != 0:
+        # The ray starts from camera coordinates, as the transferred one does: with equal poses and maps both rays are
+        # the same bits, and a map scored against itself gives exactly zero.
+        voxel, center = surface_on_ray(est, position, to_map(rotation, direction))
+        status = int(VISIBLE)
+        gap = center - point
+        if voxel < 0 or is_near(tolerance, gap[0], gap[1], gap[2]) == 0:
+            status = int(OCCLUDED)
+            voxel = int(-1)
+    return status, voxel, direction
 
 
 @wp.kernel
@@ -124,8 +97,8 @@ def _associate_kernel(
     order: wp.array(dtype=wp.int32),
     first_wins: wp.bool,
     view: View,
-    est: Surface,
-    gt: Surface,
+    est: Any,
+    gt: Any,
     tolerance: wp.float32,
     # Out:
     out_status: wp.array(dtype=wp.int32),
@@ -142,26 +115,24 @@ def _associate_kernel(
     best_direction = wp.vec3(0.0, 0.0, 0.0)
     for rank in range(order.shape[0]):
         pose = order[rank]
-        p_camera = to_camera(poses.T_map_est[pose], point)
-        distance = wp.length(p_camera)
+        square_distance = square_length(point - poses.est_position[pose])
         # Only a pose that would win casts a ray; of equally near ones the lower index wins, in whatever order.
-        if first_wins or distance < best or (distance == best and pose < best_pose):
-            if in_view(view, p_camera) or camera_inside(est, view, poses.T_map_est[pose], point):
-                direction = direction_of(p_camera)
-                voxel = visible_surface(est, poses.T_map_est[pose], point, direction, tolerance)
-                if voxel >= 0:
-                    status = int(VISIBLE)
-                    best = distance
-                    best_pose = pose
-                    best_voxel = voxel
-                    best_direction = direction
-                    if first_wins:
-                        break
-                elif status == OUT_OF_VIEW:
-                    status = int(OCCLUDED)
+        if first_wins or square_distance < best or (square_distance == best and pose < best_pose):
+            seen, voxel, direction = look(
+                point, poses.est_rotation[pose], poses.est_position[pose], view, est, tolerance
+            )
+            status = wp.max(status, seen)
+            if seen == VISIBLE:
+                best = square_distance
+                best_pose = pose
+                best_voxel = voxel
+                best_direction = direction
+                if first_wins:
+                    break
     gt_voxel = int(-1)
     if best_pose >= 0:
-        gt_voxel = ray_hit(gt, poses.T_map_gt[best_pose], best_direction)
+        ray = to_map(poses.gt_rotation[best_pose], best_direction)
+        gt_voxel, _center = surface_on_ray(gt, poses.gt_position[best_pose], ray)
     out_status[i] = status
     out_pose[i] = best_pose
     out_est_voxel[i] = best_voxel
@@ -174,8 +145,8 @@ def _associate_all_kernel(
     points: wp.array(dtype=wp.vec3),
     poses: PosePairs,
     view: View,
-    est: Surface,
-    gt: Surface,
+    est: Any,
+    gt: Any,
     tolerance: wp.float32,
     # Out:
     out_status: wp.array2d(dtype=wp.int32),
@@ -183,19 +154,11 @@ def _associate_all_kernel(
     out_gt_voxel: wp.array2d(dtype=wp.int32),
 ):
     i, pose = wp.tid()
-    point = points[i]
-    p_camera = to_camera(poses.T_map_est[pose], point)
-    status = int(OUT_OF_VIEW)
-    voxel = int(-1)
+    status, voxel, direction = look(points[i], poses.est_rotation[pose], poses.est_position[pose], view, est, tolerance)
     gt_voxel = int(-1)
-    if in_view(view, p_camera) or camera_inside(est, view, poses.T_map_est[pose], point):
-        direction = direction_of(p_camera)
-        voxel = visible_surface(est, poses.T_map_est[pose], point, direction, tolerance)
-        if voxel < 0:
-            status = int(OCCLUDED)
-        else:
-            status = int(VISIBLE)
-            gt_voxel = ray_hit(gt, poses.T_map_gt[pose], direction)
+    if status == VISIBLE:
+        ray = to_map(poses.gt_rotation[pose], direction)
+        gt_voxel, _center = surface_on_ray(gt, poses.gt_position[pose], ray)
     out_status[i, pose] = status
     out_est_voxel[i, pose] = voxel
     out_gt_voxel[i, pose] = gt_voxel
@@ -207,8 +170,8 @@ def associate(
     order: wp.array,
     first_wins: bool,
     view: View,
-    est: Surface,
-    gt: Surface,
+    est: Surface | DistanceField,
+    gt: Surface | DistanceField,
     tolerance: float,
     *,
     out_status: wp.array | None = None,
@@ -225,7 +188,7 @@ def associate(
             rays: along a path each pose tends to be nearer than the one before.
         first_wins: the first pose of `order` that sees a point is chosen; else the nearest.
         view: what an image shows.
-        est, gt: surfaces of both maps.
+        est, gt: both maps, of one kind.
         tolerance: metres; the first predicted voxel on the ray must lie nearer to the point than this.
         out_status: (N,) int32, OUT_OF_VIEW, OCCLUDED or VISIBLE. Like the other outputs allocated if None.
         out_pose: (N,) int32, the chosen pose; -1 if none sees the point.
@@ -255,8 +218,8 @@ def associate_all(
     points: wp.array,
     poses: PosePairs,
     view: View,
-    est: Surface,
-    gt: Surface,
+    est: Surface | DistanceField,
+    gt: Surface | DistanceField,
     tolerance: float,
     *,
     out_status: wp.array | None = None,
@@ -268,7 +231,7 @@ def associate_all(
     Returns:
         out_status, out_est_voxel, out_gt_voxel, each (N, P) int32.
     """
-    device, shape = points.device, (len(points), len(poses.T_map_est))
+    device, shape = points.device, (len(points), len(poses.est_position))
     _check_inputs(points, poses, est, gt)
     names = ("out_status", "out_est_voxel", "out_gt_voxel")
     given = (out_status, out_est_voxel, out_gt_voxel)
@@ -283,13 +246,13 @@ def associate_all(
     return outs
 
 
-def _check_inputs(points: wp.array, poses: PosePairs, est: Surface, gt: Surface) -> None:
+def _check_inputs(points: wp.array, poses: PosePairs, est: Any, gt: Any) -> None:
     device = points.device
     check_array("points", points, wp.vec3, (None,), device)
-    check_array("poses.T_map_est", poses.T_map_est, wp.transformf, (None,), device)
-    check_array("poses.T_map_gt", poses.T_map_gt, wp.transformf, (len(poses.T_map_est),), device)
-    check_surface("est", est, device)
-    check_surface("gt", gt, device)
+    check_poses(poses, device)
+    for name, surface in (("est", est), ("gt", gt)):
+        if hasattr(surface, "centers"):
+            check_surface(name, surface, device)
 
 
 def _output(name: str, out: wp.array | None, shape: tuple[int, ...], device: Any) -> wp.array:

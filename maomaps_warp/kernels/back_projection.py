@@ -1,6 +1,15 @@
 """Back-projection: every pixel of a depth image becomes a sample of a voxel hash.
 
-Paper, section III-A: m = p + d * r. Here with the full pinhole camera (K of camera_info) and the full pose.
+Paper, section III-A: m = p + d * r. Here with the full pinhole camera (K of camera_info) and the full pose. This is the
+plain way, one pixel a thread, for CUDA, and what `voxel_bricks` must equal bit for bit: both compute, in float32 and in
+this order,
+
+    a = (u - cx) / fx,  b = (v - cy) / fy
+    distance squared = (z z) ((1 + b b) + a a)
+    coordinate_i = T_i3 + z ((T_i2 + T_i1 b) + a T_i0)          in cells
+    voxel_i = coordinate_i rounded, halves to even                (its floor where cells start at multiples)
+
+with T the pose that takes metres of the camera to cells of the grid.
 """
 
 from __future__ import annotations
@@ -10,7 +19,7 @@ import warp as wp
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.voxel_hash import VoxelHash, add_sample, cell_of, check_table
 
-# No fused multiply-adds: CPU and CUDA must put a point on a face into the same cell.
+# No fused multiply-adds: CPU and CUDA, and lanes of a vector, must put a point on a face into the same cell.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
@@ -30,8 +39,6 @@ class DepthSampling:
 
     min_range: wp.float32  # metres, distance to the camera, exclusive
     max_range: wp.float32  # metres, exclusive
-    depth_scale: wp.float32  # multiplies points in the camera frame AFTER the range test (a Sim(3) alignment)
-    inv_voxel_size: wp.float32  # 1 / metres
     center_offset: wp.float32  # 0: cells centred on multiples of the voxel size; 0.5: starting there
     stride: wp.int32  # take every stride-th pixel of each row and column, from pixel 0
 
@@ -39,7 +46,12 @@ class DepthSampling:
 @wp.func
 def back_project(camera: Pinhole, u: wp.float32, v: wp.float32, depth: wp.float32) -> wp.vec3:
     """Camera-frame point (metres, optical) of pixel (u, v) at `depth` metres along the optical axis."""
-    return wp.vec3(depth * (u - camera.cx) / camera.fx, depth * (v - camera.cy) / camera.fy, depth)
+    return wp.vec3(depth * ((u - camera.cx) / camera.fx), depth * ((v - camera.cy) / camera.fy), depth)
+
+
+@wp.func
+def _coordinate(T: wp.mat44, axis: wp.int32, a: wp.float32, b: wp.float32, depth: wp.float32) -> wp.float32:
+    return T[axis, 3] + depth * ((T[axis, 2] + T[axis, 1] * b) + a * T[axis, 0])
 
 
 @wp.kernel
@@ -48,7 +60,7 @@ def _integrate_depth_kernel(
     depth: wp.array2d(dtype=wp.float32),
     colors: wp.array3d(dtype=wp.uint8),
     camera: Pinhole,
-    T_map_camera: wp.array(dtype=wp.transformf),
+    T_cells_camera: wp.array(dtype=wp.mat44),
     sampling: DepthSampling,
     # Out:
     table: VoxelHash,
@@ -57,16 +69,18 @@ def _integrate_depth_kernel(
     v = row * sampling.stride
     u = column * sampling.stride
     z = depth[v, u]
-    if z > 0.0:
-        p_camera = back_project(camera, wp.float32(u), wp.float32(v), z)
-        distance = wp.length(p_camera)
-        if distance > sampling.min_range and distance < sampling.max_range:
-            p_map = wp.transform_point(T_map_camera[0], p_camera * sampling.depth_scale)
-            color = wp.vec3i(0, 0, 0)
-            if colors.shape[0] > 0:
-                color = wp.vec3i(wp.int32(colors[v, u, 0]), wp.int32(colors[v, u, 1]), wp.int32(colors[v, u, 2]))
-            ijk = cell_of(p_map, sampling.inv_voxel_size, sampling.center_offset)
-            add_sample(table, ijk, color, wp.int64(1))
+    a = (wp.float32(u) - camera.cx) / camera.fx
+    b = (wp.float32(v) - camera.cy) / camera.fy
+    distance_squared = (z * z) * ((1.0 + b * b) + a * a)
+    least = sampling.min_range * sampling.min_range
+    most = sampling.max_range * sampling.max_range
+    if z > 0.0 and distance_squared > least and distance_squared < most:
+        T = T_cells_camera[0]
+        cells = wp.vec3(_coordinate(T, 0, a, b, z), _coordinate(T, 1, a, b, z), _coordinate(T, 2, a, b, z))
+        color = wp.vec3i(0, 0, 0)
+        if colors.shape[0] > 0:
+            color = wp.vec3i(wp.int32(colors[v, u, 0]), wp.int32(colors[v, u, 1]), wp.int32(colors[v, u, 2]))
+        add_sample(table, cell_of(cells, 1.0, sampling.center_offset), color, wp.int64(1))
 
 
 def check_depth_image(depth: wp.array, colors: wp.array | None, stride: int, table: VoxelHash) -> wp.array:
@@ -87,7 +101,7 @@ def check_depth_image(depth: wp.array, colors: wp.array | None, stride: int, tab
 def integrate_depth(
     depth: wp.array,
     camera: Pinhole,
-    T_map_camera: wp.array,
+    T_cells_camera: wp.array,
     sampling: DepthSampling,
     *,
     colors: wp.array | None = None,
@@ -98,20 +112,22 @@ def integrate_depth(
     Args:
         depth: (H, W) float32, metres along the optical axis; values <= 0 and NaN are missing.
         camera: intrinsics of the image.
-        T_map_camera: (1,) transformf, camera frame to the map's frame (metres, relative to the grid's origin); an
-            array, so that a captured graph can be replayed for the next frame.
-        sampling: ranges, voxel size, stride.
+        T_cells_camera: (1,) mat44, takes camera-frame metres to cells of the grid: [s R | (p - origin) / voxel_size]
+            with R and p the camera's rotation and position (metres, world) and s = 1 / voxel_size, times the scale of
+            a Sim(3) alignment; best computed in float64. An array, so that a captured graph can be replayed for the
+            next frame.
+        sampling: ranges, which are tested before any scale; kind of cells; stride.
         colors: (H, W, 3) uint8 RGB, or None; the table must keep colours exactly if they are given.
         out_table: takes the samples; those it could not take are counted in its `rejected`.
     """
     device = depth.device
     colors = check_depth_image(depth, colors, sampling.stride, out_table)
-    check_array("T_map_camera", T_map_camera, wp.transformf, (1,), device)
+    check_array("T_cells_camera", T_cells_camera, wp.mat44, (1,), device)
     height, width = depth.shape
     wp.launch(
         _integrate_depth_kernel,
         dim=(-(-height // sampling.stride), -(-width // sampling.stride)),
-        inputs=[depth, colors, camera, T_map_camera, sampling],
+        inputs=[depth, colors, camera, T_cells_camera, sampling],
         outputs=[out_table],
         device=device,
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from maomaps_warp.mapping.threads import thread_count
 
 Result = TypeVar("Result")
 
@@ -21,10 +22,7 @@ def each_in_order(work: Callable[[slice], Result], chunks: Sequence[slice], devi
     A launch on a CPU is one serial loop that releases the interpreter's lock, so chunks run side by side, one
     thread for each core; on a GPU one after the other. They must not write to the same memory.
     """
-    import warp as wp
-
     if chunks:
         yield work(chunks[0])  # alone: it loads the kernels
-    threads = (os.cpu_count() or 1) if wp.get_device(device).is_cpu else 1
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(thread_count(device)) as pool:
         yield from pool.map(work, chunks[1:])

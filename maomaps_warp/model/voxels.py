@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +55,8 @@ class VoxelGrid:
         Halves round to even, as in the original map creator; floor cells as in OctoMap.
         """
         # Times the inverse, as OctoMap does: 0.15 / 0.05 = 2.9999999999999996 would lie below a face.
-        scaled = points * (1.0 / self.voxel_size)
-        cells = np.rint(scaled) if self.center_offset == 0.0 else np.floor(scaled)
+        cells = points * (1.0 / self.voxel_size)
+        (np.rint if self.center_offset == 0.0 else np.floor)(cells, out=cells)
         return cells.astype(np.int64) - self.origin_ijk
 
     def centers_of(self, ijk: NDArray[np.integer]) -> NDArray[np.float64]:
@@ -65,17 +66,23 @@ class VoxelGrid:
 
 def pack_keys(ijk: NDArray[np.integer]) -> NDArray[np.int64]:
     """Packed keys of cells, (N, 3) -> (N,) int64, 21 bits an axis; their order is the order of (i, j, k)."""
-    biased = ijk.astype(np.int64) + KEY_BIAS
-    if len(biased) and (biased.min() < 0 or biased.max() >= 2 * KEY_BIAS):
-        raise ValueError(f"voxel indices must lie within {KEY_BIAS} of the grid's origin")
-    return (biased[:, 0] << (2 * KEY_BITS)) | (biased[:, 1] << KEY_BITS) | biased[:, 2]
+    # Column by column: NumPy is many times slower along rows of three.
+    keys = np.zeros(len(ijk), dtype=np.int64)
+    for axis in range(3):
+        biased = ijk[:, axis].astype(np.int64) + KEY_BIAS
+        if len(biased) and (biased.min() < 0 or biased.max() >= 2 * KEY_BIAS):
+            raise ValueError(f"voxel indices must lie within {KEY_BIAS} of the grid's origin")
+        keys = (keys << KEY_BITS) | biased
+    return keys
 
 
 def unpack_keys(keys: NDArray[np.int64]) -> NDArray[np.int32]:
     """Cells of packed keys, (N,) int64 -> (N, 3) int32."""
     mask = (1 << KEY_BITS) - 1
-    axes = [(keys >> (2 * KEY_BITS)) & mask, (keys >> KEY_BITS) & mask, keys & mask]
-    return (np.stack(axes, axis=1) - KEY_BIAS).astype(np.int32)
+    ijk = np.empty((len(keys), 3), dtype=np.int32)
+    for axis in range(3):
+        ijk[:, axis] = ((keys >> ((2 - axis) * KEY_BITS)) & mask) - KEY_BIAS
+    return ijk
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +104,7 @@ class VoxelMap:
     def __len__(self) -> int:
         return len(self.ijk)
 
-    @property
+    @cached_property
     def points(self) -> NDArray[np.float64]:
         """Cell centres, (N, 3) float64, metres, world."""
         return self.grid.centers_of(self.ijk)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from maomaps_warp.model.results import ThresholdScore, VoxelOverlap
 from maomaps_warp.model.voxels import VoxelMap, pack_keys
-from maomaps_warp.scoring.nearest import nearest_neighbours
+from maomaps_warp.scoring.nearest import distances_between
 
 #: Distances are rounded to this many decimals of a metre before they are compared with a threshold, so that a
 #: neighbour at exactly one voxel is not decided by the last bit of a product, in georeferenced maps either.
@@ -26,7 +26,7 @@ def distances_both_ways(
     Returns:
         (N,) float64: estimate to ground truth (accuracy), metres; (M,) float64: the other way (completeness).
     """
-    return nearest_neighbours(est, gt, device)[1], nearest_neighbours(gt, est, device)[1]
+    return distances_between(est, gt, device)
 
 
 def threshold_score(est_to_gt: NDArray[np.float64], gt_to_est: NDArray[np.float64], threshold: float) -> ThresholdScore:

@@ -14,7 +14,7 @@ from maomaps_warp.model.results import NoValue
 from maomaps_warp.model.statistics import Statistics
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap, pack_keys
 from maomaps_warp.scoring.doubled_walls import find_doubled_walls
-from maomaps_warp.scoring.nearest import nearest_neighbours
+from maomaps_warp.scoring.nearest import nearest_distances, nearest_neighbours
 
 Points = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def map_error(est: Points, gt: Points, device: str = "cpu") -> Statistics | NoVa
     """Distances from every point of `est` to the nearest of `gt`, (N, 3) float64 metres."""
     if not len(est) or not len(gt):
         return NoValue("a map has no points", asked=True)
-    return _statistics(nearest_neighbours(est, gt, device)[1])
+    return _statistics(nearest_distances(est, gt, device))
 
 
 def merged_map_score(
@@ -111,7 +111,7 @@ def merged_map_score(
         InputError: a point beyond the reach of the lattice.
     """
     nearest, distance = nearest_neighbours(points, gt.points, device)
-    completeness = nearest_neighbours(gt.points, points, device)[1]
+    completeness = nearest_distances(gt.points, points, device)
     is_inside = gt.runs_of_points[nearest] >= 2
     counts = {
         "est_points": len(points),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from maomaps_warp.errors import InputError
 from maomaps_warp.model.merge_results import BestFit
 from maomaps_warp.scoring.merge_transforms import moved, rotation_angle
-from maomaps_warp.scoring.nearest import nearest_neighbours
+from maomaps_warp.scoring.nearest import nearest_distances
 
 #: From coarse to fine: how far apart points may be to count as the same surface, and to how large cells both maps are
 #: thinned; voxels.
@@ -80,8 +80,8 @@ def fit_merged(
         InputError: as `best_rigid`.
     """
     T = best_rigid(points, gt, voxel_size)
-    before = float(nearest_neighbours(points, gt, device)[1].mean())
-    after = float(nearest_neighbours(moved(T, points), gt, device)[1].mean())
+    before = float(nearest_distances(points, gt, device).mean())
+    after = float(nearest_distances(moved(T, points), gt, device).mean())
     if after >= before:
         return np.eye(4), BestFit(before, before, 0.0, 0.0)
     middle = points.mean(axis=0)

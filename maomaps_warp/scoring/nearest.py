@@ -1,4 +1,8 @@
-"""Exact nearest neighbours between two clouds."""
+"""Exact nearest neighbours between two clouds.
+
+On a CPU clouds of one lattice are decided by a distance transform, free ones by packets over cells; what is too far for
+either is left to the tree, which is the reference and the way on CUDA. All give the same bits.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.mapping.chunks import each_in_order, slices
+from maomaps_warp.mapping.threads import thread_count
+from maomaps_warp.scoring.cell_search import search_cells
+from maomaps_warp.scoring.lattice_nearest import LatticeClouds, exchanged, find_lattice, near_squares, step_of
 
 #: Points of a leaf: fewer make the tree deep, more make leaves slow.
 _LEAF_POINTS = 8
@@ -26,20 +33,113 @@ def nearest_neighbours(
         device: Warp device.
 
     Returns:
-        index (Q,) int32 into `points`, and distance (Q,) float64, metres.
+        index (Q,) int32 into `points`, of equally near ones the lowest, and distance (Q,) float64, metres.
     """
+    index, squares = _search(*_clouds(queries, points), with_index=True, device=device)
+    return index, np.sqrt(squares)
+
+
+def nearest_distances(
+    queries: NDArray[np.float64],
+    points: NDArray[np.float64],
+    device: str = "cpu",
+    voxel_size: float | None = None,
+) -> NDArray[np.float64]:
+    """Distance from each of `queries` to the nearest of `points`; exact, no cut-off.
+
+    Where both clouds lie on one lattice, the distance is its step times the root of an integer: free of the rounding of
+    the coordinates. Elsewhere it is that of `nearest_neighbours`, to the last bit.
+
+    Args:
+        queries: (Q, 3) float64, metres.
+        points: (N, 3) float64, metres, N >= 1.
+        device: Warp device.
+        voxel_size: the step of the lattice, metres, if the clouds may lie on one; None: looked for in the data.
+
+    Returns:
+        (Q,) float64, metres.
+    """
+    queries, points = _clouds(queries, points)
+    clouds = find_lattice(queries, points, voxel_size, device, thread_count(device))
+    if clouds is None:
+        return np.sqrt(_search(queries, points, with_index=False, device=device)[1])
+    return _lattice_distances(clouds, device)
+
+
+def distances_between(
+    first: NDArray[np.float64], second: NDArray[np.float64], device: str = "cpu"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`nearest_distances` both ways, which share the look for a lattice.
+
+    Args:
+        first, second: (N, 3) and (M, 3) float64, metres, N and M >= 1.
+        device: Warp device.
+
+    Returns:
+        Of each of `first` to `second`, (N,) float64, and of each of `second` to `first`, (M,) float64; metres.
+    """
+    first, second = _clouds(first, second)
+    _clouds(second, first)
+    clouds = find_lattice(first, second, None, device, thread_count(device))
+    # The way back looks for its step in the other cloud.
+    if clouds is None or clouds.step != step_of(first):
+        return nearest_distances(first, second, device), nearest_distances(second, first, device)
+    return _lattice_distances(clouds, device), _lattice_distances(exchanged(clouds), device)
+
+
+def _lattice_distances(clouds: LatticeClouds, device: str) -> NDArray[np.float64]:
+    if device == "cpu":
+        squares = near_squares(clouds, thread_count(device))
+    else:
+        squares = np.full(len(clouds.queries), -1, dtype=np.int32)
+    distances = np.sqrt(squares, where=squares >= 0, out=np.empty(len(squares)))
+    left = np.flatnonzero(squares < 0)
+    if len(left):
+        # Cells as coordinates: their squares are exact in float64.
+        cells = [clouds.queries[left].astype(np.float64), clouds.points.astype(np.float64)]
+        distances[left] = np.sqrt(_search(*cells, with_index=False, device=device)[1])
+    distances *= clouds.step
+    return distances
+
+
+def _clouds(
+    queries: NDArray[np.float64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    if not len(points):
+        raise ValueError("points: expected at least one, got none")
+    return np.ascontiguousarray(queries, dtype=np.float64), np.ascontiguousarray(points, dtype=np.float64)
+
+
+def _search(
+    queries: NDArray[np.float64], points: NDArray[np.float64], *, with_index: bool, device: str
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Index (empty if not asked for on a CPU) and squared distance of the nearest point: packets, then the tree."""
+    if device != "cpu":
+        return search_tree(queries, points, device)
+    index, squares = search_cells(queries, points, with_index=with_index, threads=thread_count(device))
+    left = np.flatnonzero(squares < 0)
+    if len(left):
+        left_index, squares[left] = search_tree(queries[left], points, device)
+        if with_index:
+            index[left] = left_index
+    return index, squares
+
+
+def search_tree(
+    queries: NDArray[np.float64], points: NDArray[np.float64], device: str = "cpu"
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Index and squared distance of the nearest point, by the tree: the reference, and the way on CUDA."""
     import warp as wp
 
     from maomaps_warp.kernels.nearest import find_nearest
 
-    if not len(points):
-        raise ValueError("points: expected at least one, got none")
     tree = build_point_tree(points, device)
     on_device = wp.array(queries, dtype=wp.vec3d, device=device)
     chunks = slices(len(queries), _CHUNK_QUERIES)
     parts = each_in_order(lambda rows: find_nearest(tree, on_device[rows]).numpy(), chunks, device)
     index = np.concatenate([np.empty(0, dtype=np.int32), *parts])
-    return index, np.linalg.norm(queries - points[index], axis=1)
+    dx, dy, dz = (queries[:, axis] - points[index, axis] for axis in range(3))
+    return index, dx * dx + dy * dy + dz * dz
 
 
 def build_point_tree(points: NDArray[np.float64], device: str = "cpu") -> Any:

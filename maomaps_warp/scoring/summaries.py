@@ -72,11 +72,13 @@ def nearest_score(
     )
 
 
-def ray_score(correspondences: Correspondences, pairs: PairedPoses) -> RayScore | NoValue:
+def ray_score(correspondences: Correspondences, pairs: PairedPoses, device: str) -> RayScore | NoValue:
     """AME by association; no value if nothing was associated, with the counts that say why."""
+    from maomaps_warp.scoring.pair_errors import pair_errors
+
     counts = correspondences.counts | {"correspondences": len(correspondences), "poses": len(pairs)}
-    absolute = Statistics.of(correspondences.absolute_errors())
-    relative = Statistics.of(correspondences.relative_errors(pairs.T_world_camera_est, pairs.T_world_camera_gt))
+    errors = pair_errors(correspondences, pairs.T_world_camera_est, pairs.T_world_camera_gt, device)
+    absolute, relative = (Statistics.of(error) for error in errors)
     if absolute is None or relative is None:
         classes = ("out_of_view", "occluded", "no_ground_truth", "total")
         spread = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in classes)

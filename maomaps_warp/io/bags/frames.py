@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from maomaps_warp.io.bags.reading import Bag, Topic, open_bag
 from maomaps_warp.io.bags.topics import BagContents
 from maomaps_warp.io.cameras import camera_from_info
 from maomaps_warp.io.images import MAX_COLOR_GAP_NS, check_image_size
+from maomaps_warp.io.read_ahead import ahead
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 
@@ -79,34 +82,59 @@ def _read_frames(
     path: Path, depth: Topic, color: Topic | None, camera: Camera, max_color_gap_ns: int
 ) -> Iterator[Frame]:
     depth_place = f"{path}, topic {depth.name}"
+    color_place = f"{path}, topic {color.name}" if color is not None else ""
+
+    def decoded(job: _Job) -> Frame:
+        where = f"{depth_place}, message {job.index + 1}"
+        image = depth_of(job.depth, where)
+        check_image_size(image.shape, camera, where, "give the camera of these images with --camera")
+        colors = None
+        if job.color is not None:
+            colors = color_of(job.color, color_place)
+            check_image_size(colors.shape[:2], camera, color_place, "use images registered to the depth")
+        return Frame(index=job.index, stamp_ns=job.stamp_ns, depth=image, colors=colors)
+
+    with (
+        open_bag(path) as bag,
+        closing(_stamped(bag, [depth.name] if color is None else [depth.name, color.name])) as stamped,
+        closing(_jobs(stamped, depth_place, depth.name, color is not None, max_color_gap_ns)) as jobs,
+        closing(ahead(decoded, jobs)) as frames,
+    ):
+        yield from frames
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A frame to decode: its messages."""
+
+    index: int
+    stamp_ns: int
+    depth: Any
+    color: Any | None
+
+
+def _jobs(
+    stamped: Iterable[tuple[str, int, Any]], place: str, depth_name: str, with_colors: bool, max_gap_ns: int
+) -> Generator[_Job]:
+    """Pairs of messages by ascending stamp; `place` names the depth topic in errors."""
     last_ns = 0
-    with open_bag(path) as bag:
-        stamped = _stamped(bag, [depth.name] if color is None else [depth.name, color.name])
-        pairs = (
-            _joined(stamped, depth.name, max_color_gap_ns) if color is not None else ((x, None) for _, *x in stamped)
-        )
-        for index, ((stamp_ns, message), partner) in enumerate(pairs):
-            where = f"{depth_place}, message {index + 1}"
-            if stamp_ns <= last_ns:
-                raise InputError(where, f"the stamp {stamp_ns} ns does not follow {last_ns} ns", _DISORDER_HINT)
-            last_ns = stamp_ns
-            image = depth_of(message, where)
-            check_image_size(image.shape, camera, where, "give the camera of these images with --camera")
-            colors = None
-            if color is not None and partner is not None:
-                color_place = f"{path}, topic {color.name}"
-                colors = color_of(partner, color_place)
-                check_image_size(colors.shape[:2], camera, color_place, "use images registered to the depth")
-            yield Frame(index=index, stamp_ns=stamp_ns, depth=image, colors=colors)
+    pairs = _joined(stamped, depth_name, max_gap_ns) if with_colors else ((x, None) for _, *x in stamped)
+    for index, ((stamp_ns, message), partner) in enumerate(pairs):
+        if stamp_ns <= last_ns:
+            where = f"{place}, message {index + 1}"
+            raise InputError(where, f"the stamp {stamp_ns} ns does not follow {last_ns} ns", _DISORDER_HINT)
+        last_ns = stamp_ns
+        yield _Job(index, stamp_ns, message, partner)
 
 
-def _stamped(bag: Bag, names: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
+def _stamped(bag: Bag, names: Sequence[str]) -> Generator[tuple[str, int, Any]]:
     """Topic, header stamp and message of every message of `names`."""
     counts = dict.fromkeys(names, 0)
-    for name, _, message in bag.messages(names):
-        counts[name] += 1
-        where = f"{bag.path}, topic {name}, message {counts[name]}"
-        yield name, header_stamp_ns(message.header, where), message
+    with closing(bag.messages(names)) as messages:
+        for name, _, message in messages:
+            counts[name] += 1
+            where = f"{bag.path}, topic {name}, message {counts[name]}"
+            yield name, header_stamp_ns(message.header, where), message
 
 
 def _joined(

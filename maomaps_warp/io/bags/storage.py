@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import copy
+import heapq
+import io
 import struct
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
+
+from maomaps_warp.io.read_ahead import ahead
 
 
 @dataclass(frozen=True)
@@ -61,12 +66,56 @@ class RosbagsStorage:
             yield by_id[connection.id], log_ns, data
 
 
+@dataclass(frozen=True, eq=False)
+class Ros1Storage:
+    """A ROS 1 bag opened by rosbags' reader."""
+
+    reader: Any
+    channels: tuple[Channel, ...]
+
+    def raw(self, channels: Sequence[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+        """Messages of `channels`, streamed in log-time order; compressed chunks are unpacked ahead, on all cores."""
+        wanted = {channel.id for channel in channels}
+        indexes = [self.reader.indexes[x.id] for x in self.reader.connections if x.id in wanted]
+        # The reader reads messages out of chunks that `decompressor` unpacks: here it finds them unpacked already.
+        with closing(ahead(self._unpacked, _compressed_chunks(self.reader.chunks, indexes))) as unpacked:
+            own = copy.copy(self.reader)
+            own.current_chunk = (-1, io.BytesIO())
+            own.chunks = {
+                place: chunk if _is_plain(chunk) else chunk._replace(decompressor=lambda _: next(unpacked))
+                for place, chunk in self.reader.chunks.items()
+            }
+            yield from RosbagsStorage(own, self.channels).raw(channels)
+
+    def _unpacked(self, chunk: Any) -> bytes:
+        # A file object of its own: the position of the reader's belongs to the caller's thread.
+        with self.reader.path.open("rb") as file:
+            file.seek(chunk.datapos)
+            data: bytes = chunk.decompressor(file.read(chunk.datasize))
+        return data
+
+
+def _is_plain(chunk: Any) -> bool:
+    from rosbags.rosbag1.reader import Compression, decompressors
+
+    return chunk.decompressor is decompressors[Compression.NONE.value]
+
+
+def _compressed_chunks(chunks: dict[int, Any], indexes: list[Any]) -> Iterator[Any]:
+    """The compressed chunks of messages in log-time order; again where it comes back to one, as the reader does."""
+    last = -1
+    for entry in heapq.merge(*indexes):
+        if entry.chunk_pos != last and not _is_plain(chunks[entry.chunk_pos]):
+            yield chunks[entry.chunk_pos]
+        last = entry.chunk_pos
+
+
 def open_ros1_bag(path: Path, stack: ExitStack) -> BagStorage:
     """Open a ROS 1 bag of version 2.0; `stack` closes it."""
     from rosbags.rosbag1 import Reader
 
     reader = stack.enter_context(Reader(path))
-    return RosbagsStorage(
+    return Ros1Storage(
         reader,
         tuple(
             Channel(x.id, x.topic, x.msgtype, x.msgcount, "ros1", x.digest, x.msgdef.data) for x in reader.connections

@@ -1,0 +1,178 @@
+"""Which poses may see a brick of elements: one test for the whole brick instead of one for each element.
+
+A pose stays unless it is certain that it sees no point of the brick's box. For each border of the view (a plane through
+the camera) and for the near plane it is enough to look at the corner of the box that lies furthest inside; a margin for
+rounding, far above what float32 can do to the exact test, keeps the answer safe. Sixteen poses are tested at once.
+Cost: about sixty vector operations for sixteen poses and a brick. Limit: the lists are memory of one launch, which must
+be one serial loop, as it is on a CPU.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from maomaps_warp.kernels.association_rules import View, flag
+from maomaps_warp.kernels.voxel_rays import lanes_f, lanes_i
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+
+LANES = wp.constant(16)
+#: Distances into which poses are sorted; the last bin holds all that are further away.
+BINS = wp.constant(256)
+#: Rows of a block of poses: position, four normals of the view's borders, optical axis; x, y, z of each.
+BLOCK_ROWS = 18
+#: Relative error of a plane's distance that is allowed for, 30 times what five float32 operations can cause.
+_ROUNDING = wp.constant(wp.float32(1.0e-5))
+
+
+@wp.struct
+class PoseLists:
+    """Memory of one launch in which the poses of one brick after the other are listed."""
+
+    pose: wp.array(dtype=wp.int32)  # (P,) poses that may see the brick, in the order in which they are tried
+    bound: wp.array(dtype=wp.float32)  # (P,) square metres: neither this pose nor a later one is nearer to an element
+    culled_pose: wp.array(dtype=wp.int32)  # (P,) in order of time ...
+    culled_bound: wp.array(dtype=wp.float32)  # (P,) ... and how near each is at least
+    bins: wp.array(dtype=wp.int32)  # (BINS + 1,)
+
+
+@wp.func
+def smaller(a: lanes_f, b: lanes_f) -> lanes_f:
+    """The smaller of both, lane by lane; without wp.min's care for NaN."""
+    r = lanes_f()
+    for k in range(16):
+        r[k] = wp.where(a[k] < b[k], a[k], b[k])
+    return r
+
+
+@wp.func
+def _gap(d: lanes_f, half: wp.float32) -> lanes_f:
+    return wp.abs(d) - lanes_f(half)
+
+
+@wp.func
+def _outside(low: wp.float32, high: wp.float32, c: lanes_f) -> lanes_f:
+    # How far c lies outside [low, high]. Rounding is monotonic: no element of the box is nearer, to the last bit.
+    r = lanes_f()
+    below = lanes_f(low) - c
+    above = c - lanes_f(high)
+    for k in range(16):
+        gap = wp.where(below[k] > above[k], below[k], above[k])
+        r[k] = wp.where(gap > 0.0, gap, 0.0)
+    return r
+
+
+@wp.func
+def cull_poses(
+    low: wp.vec3,
+    high: wp.vec3,
+    blocks: wp.array2d(dtype=lanes_f),
+    poses: wp.int32,
+    view: View,
+    inv_voxel_size: wp.float32,
+    out: PoseLists,
+) -> wp.int32:
+    """List the poses that may see an element in the box [low, high] in order of time; gives how many.
+
+    Args:
+        low, high: the box, metres.
+        blocks: (blocks, BLOCK_ROWS) sixteen poses each, see `BLOCK_ROWS`.
+        poses: how many poses the blocks hold.
+        view: what an image shows.
+        inv_voxel_size: 1 / metres; a camera within half a voxel of an element sees it wherever it looks.
+        out: culled_pose and culled_bound are written.
+    """
+    center = 0.5 * (low + high)
+    half = 0.5 * (high - low)
+    steepest = wp.max(wp.max(-view.x_min, view.x_max), wp.max(-view.y_min, view.y_max))
+    slope = 1.0 + wp.max(wp.max(wp.abs(view.x_min), wp.abs(view.x_max)), wp.max(wp.abs(view.y_min), steepest))
+    span = wp.abs(low[0]) + wp.abs(low[1]) + wp.abs(low[2]) + wp.abs(high[0]) + wp.abs(high[1]) + wp.abs(high[2])
+    near = wp.where(view.two_sided, 0.0, view.near)
+    max_square = view.max_range * view.max_range
+    half_voxel = 0.50001 / inv_voxel_size + _ROUNDING * span
+    both_sides = flag(view.two_sided)
+    count = int(0)
+    for block in range(blocks.shape[0]):
+        cx = blocks[block, 0]
+        cy = blocks[block, 1]
+        cz = blocks[block, 2]
+        x = lanes_f(center[0]) - cx
+        y = lanes_f(center[1]) - cy
+        z = lanes_f(center[2]) - cz
+        reach = wp.abs(x) + wp.abs(y) + wp.abs(z)
+        margin = (reach + lanes_f(span)) * (_ROUNDING * slope)
+        ahead = lanes_f(3.0e38)  # signed distance to the nearest border for a camera that looks forward, ...
+        behind = lanes_f(3.0e38)  # ... and for its mirror image
+        for plane in range(5):
+            nx = blocks[block, 3 + 3 * plane]
+            ny = blocks[block, 4 + 3 * plane]
+            nz = blocks[block, 5 + 3 * plane]
+            inside = wp.cw_mul(nx, x) + wp.cw_mul(ny, y) + wp.cw_mul(nz, z)
+            size = wp.abs(nx) * half[0] + wp.abs(ny) * half[1] + wp.abs(nz) * half[2] + margin
+            if plane == 4:
+                size = size - lanes_f(near)
+            ahead = smaller(ahead, size + inside)
+            behind = smaller(behind, size - inside)
+        gx = _outside(low[0], high[0], cx)
+        gy = _outside(low[1], high[1], cy)
+        gz = _outside(low[2], high[2], cz)
+        square = wp.cw_mul(gx, gx) + wp.cw_mul(gy, gy) + wp.cw_mul(gz, gz)
+        keep = lanes_i()
+        kept = int(0)
+        for k in range(16):
+            seen = flag(ahead[k] >= 0.0) | (flag(behind[k] >= 0.0) & both_sides)
+            within = flag(gx[k] <= half_voxel) & flag(gy[k] <= half_voxel) & flag(gz[k] <= half_voxel)
+            keep[k] = (seen & flag(square[k] <= max_square)) | within
+        for k in range(16):
+            kept += keep[k]
+        if kept > 0:
+            for k in range(16):
+                pose = block * LANES + k
+                if keep[k] != 0 and pose < poses:
+                    out.culled_pose[count] = pose
+                    out.culled_bound[count] = square[k]
+                    count += 1
+    return count
+
+
+@wp.func
+def list_by_time(count: wp.int32, backwards: wp.bool, out: PoseLists):
+    """List culled poses in order of time, or the other way round."""
+    for rank in range(count):
+        taken = rank
+        if backwards:
+            taken = count - 1 - rank
+        out.pose[rank] = out.culled_pose[taken]
+        out.bound[rank] = 0.0
+
+
+@wp.func
+def list_by_distance(count: wp.int32, bin_width: wp.float32, out: PoseLists):
+    """List culled poses by the distance bin of their bound, in order of time within a bin."""
+    for b in range(BINS + 1):
+        out.bins[b] = 0
+    for rank in range(count):
+        b = wp.int32(wp.min(wp.sqrt(out.culled_bound[rank]) / bin_width, float(BINS - 1)))
+        out.bins[b + 1] = out.bins[b + 1] + 1
+    for b in range(BINS):
+        out.bins[b + 1] = out.bins[b + 1] + out.bins[b]
+    for rank in range(count):
+        b = wp.int32(wp.min(wp.sqrt(out.culled_bound[rank]) / bin_width, float(BINS - 1)))
+        place = out.bins[b]
+        out.bins[b] = place + 1
+        out.pose[place] = out.culled_pose[rank]
+        out.bound[place] = out.culled_bound[rank]
+    least = float(3.0e38)
+    for rank in range(count):
+        place = count - 1 - rank
+        least = wp.min(least, out.bound[place])
+        out.bound[place] = least
+
+
+def create_pose_lists(poses: int) -> PoseLists:
+    """Memory for one launch over bricks, on the CPU."""
+    lists = PoseLists()
+    lists.pose, lists.culled_pose = (wp.empty(poses, dtype=wp.int32, device="cpu") for _ in range(2))
+    lists.bound, lists.culled_bound = (wp.empty(poses, dtype=wp.float32, device="cpu") for _ in range(2))
+    lists.bins = wp.empty(int(BINS) + 1, dtype=wp.int32, device="cpu")
+    return lists

@@ -1,0 +1,115 @@
+"""Distance field of a voxel map: how many cells each cell is away from the nearest occupied one."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from maomaps_warp.kernels.voxel_hash import find_slot, pack_key
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+
+#: Distances are counted up to here: further away says no more than "at least so far".
+MAX_CLEARANCE = wp.constant(15)
+#: Edge of the blocks in which a bricked field looks for emptiness, cells.
+BLOCK = wp.constant(256)
+
+
+@wp.struct
+class DistanceField:
+    """A voxel map as rays see it: closed cubes in a box, and how far each cell of the box is from one.
+
+    Field cells are (0, 0, 0) .. (nx - 1, ny - 1, nz - 1); field cell (x, y, z) is cell (x, y, z) + lower of the grid.
+    The outermost layer of cells is a border: it holds no voxel, and its clearance is 0, so that every ray ends there.
+
+    A dense field has half a byte for each cell. A bricked one, for a large box, has bricks of 8 x 8 x 8 cells where a
+    voxel is near; its clearances are the same, but for longer leaps where no voxel is near by far.
+    """
+
+    lower: wp.vec3i  # cell index, relative to the grid's origin, of field cell (0, 0, 0)
+    nx: wp.int32  # cells, border included
+    ny: wp.int32
+    nz: wp.int32  # a multiple of 8
+    voxel_size: wp.float32  # metres
+    inv_voxel_size: wp.float32  # 1 / metres
+    center_offset: wp.float32  # 0: cells centred on multiples of the voxel size; 0.5: starting there
+    origin_scale: wp.float64  # field coordinates = metres * origin_scale + origin_shift
+    origin_shift: wp.vec3d
+    # Cells to the nearest occupied or border cell, capped, four bits each, so that a flat fits into a core's cache:
+    # cell c in bits 4 (c & 7) of element c >> 3. Dense: c = z + nz * (y + ny * x); bricked: 512 cells each, z fastest.
+    clearance: wp.array(dtype=wp.int32)
+    clearance_address: wp.uint64  # of `clearance`
+    # Dense: where a voxel is in the map.
+    words: wp.int32  # 64-bit words of a column of cells along z
+    layer: wp.int32  # words of all columns with one x, and up to seven more
+    columns: wp.array(dtype=wp.uint64)  # [w + words * y + layer * x]: bit b says that cell z = 64 w + b is occupied
+    ranks: wp.array(dtype=wp.int32)  # as columns: position in the map of the word's first voxel
+    # Bricked: hashes of brick indices and of voxels.
+    is_bricked: wp.bool
+    brick_keys: wp.array(dtype=wp.int64)
+    brick_values: wp.array(dtype=wp.int32)  # position of the brick in `clearance`
+    block_keys: wp.array(dtype=wp.int64)  # blocks of BLOCK cells that hold a voxel, and those around them
+    voxel_keys: wp.array(dtype=wp.int64)
+    voxel_values: wp.array(dtype=wp.int32)  # position of the voxel in the map
+
+
+# Inlined, for a call would copy the struct, half a kilobyte.
+@wp.func(inline=True)
+def voxel_at(field: DistanceField, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int32:
+    """Position in the map of the voxel in field cell (x, y, z), or -1 if the cell is free, border or outside."""
+    voxel = int(-1)
+    if x > 0 and y > 0 and z > 0 and x < field.nx - 1 and y < field.ny - 1 and z < field.nz - 1:
+        if field.is_bricked:
+            slot = find_slot(field.voxel_keys, pack_key(wp.vec3i(x, y, z) + field.lower))
+            if slot >= 0:
+                voxel = field.voxel_values[slot]
+        else:
+            word = (z >> 6) + field.words * y + field.layer * x
+            column = field.columns[word]
+            bit = wp.uint64(1) << wp.uint64(z & 63)
+            if (column & bit) != wp.uint64(0):
+                voxel = field.ranks[word] + wp.int32(wp.bit_count(column & (bit - wp.uint64(1))))
+    return voxel
+
+
+@wp.func(inline=True)
+def clearance_at(field: DistanceField, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int32:
+    """Cells from field cell (x, y, z) to the nearest occupied or border cell, capped; 0 in those."""
+    cells = MAX_CLEARANCE
+    c = int(-1)
+    if field.is_bricked:
+        slot = find_slot(field.brick_keys, pack_key(wp.vec3i(x >> 3, y >> 3, z >> 3)))
+        if slot >= 0:
+            c = 512 * field.brick_values[slot] + (z & 7) + 8 * ((y & 7) + 8 * (x & 7))
+        else:
+            # Far from every voxel, very far where the block and all around it are empty; but the border may be near.
+            if find_slot(field.block_keys, pack_key(wp.vec3i(x >> 8, y >> 8, z >> 8))) < 0:
+                cells = BLOCK
+            to_border = wp.min(wp.min(x, field.nx - 1 - x), wp.min(y, field.ny - 1 - y))
+            cells = wp.min(wp.min(to_border, wp.min(z, field.nz - 1 - z)), cells)
+    else:
+        c = z + field.nz * (y + field.ny * x)
+    if c >= 0:
+        cells = (field.clearance[c >> 3] >> ((c & 7) << 2)) & 15
+    return cells
+
+
+@wp.func(inline=True)
+def ray_origin(field: DistanceField, point: wp.vec3) -> wp.vec3:
+    """`point` (metres, relative to the grid's origin) in field coordinates: cell x spans [x, x + 1)."""
+    # In float64, rounded once: the map may lie far from the grid's origin.
+    shift = field.origin_shift
+    return wp.vec3(
+        wp.float32(wp.float64(point[0]) * field.origin_scale + shift[0]),
+        wp.float32(wp.float64(point[1]) * field.origin_scale + shift[1]),
+        wp.float32(wp.float64(point[2]) * field.origin_scale + shift[2]),
+    )
+
+
+@wp.func(inline=True)
+def cell_center(field: DistanceField, x: wp.float32, y: wp.float32, z: wp.float32) -> wp.vec3:
+    """Centre (metres, relative to the grid's origin) of field cell (x, y, z); the bits of `Surface.centers`."""
+    return wp.vec3(
+        (x + wp.float32(field.lower[0]) + field.center_offset) * field.voxel_size,
+        (y + wp.float32(field.lower[1]) + field.center_offset) * field.voxel_size,
+        (z + wp.float32(field.lower[2]) + field.center_offset) * field.voxel_size,
+    )

@@ -1,0 +1,66 @@
+"""Which kernels are compiled together.
+
+Warp compiles whole modules, by default one for each file. Parsing Warp's headers takes longer than all kernels of a job
+together, so the kernels of a job share a module, whichever file they are in: `@wp.kernel(module=SCORE)`. What stands
+beside them as a reference, or for other devices, stays in its file's own module and is compiled when it is launched.
+
+A module's hash covers all kernels that are registered in it, so all its files are imported before it is loaded.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import warp as wp
+
+#: Comparing maps, on every device: distance fields and transforms, points in cells, errors of pairs.
+SCORE = "maomaps_warp.score"
+
+#: Comparing maps on a CPU: association and nearest neighbours, 16 at a time. Apart, so that no GPU compiles them; and
+#: they take as long as SCORE, while two modules compile side by side.
+PACKETS = "maomaps_warp.packets"
+
+#: Voxel maps from depth images, on a CPU.
+MAP = "maomaps_warp.map"
+
+#: Reading large maps, on a CPU. Apart, because files are read before anything else is known to be needed.
+TEXT = "maomaps_warp.text"
+
+#: The files of `maomaps_warp.kernels` with kernels in each module.
+FILES: dict[str, tuple[str, ...]] = {
+    SCORE: (
+        "distance_field_building",
+        "distance_transform",
+        "lattice",
+        "pair_errors",
+        "point_cells",
+    ),
+    PACKETS: (
+        "association_packets",
+        "nearest_packets",
+    ),
+    MAP: (
+        "voxel_bricks",
+        "voxel_bricks_export",
+    ),
+    TEXT: ("text_tables",),
+}
+
+#: What each job launches on a CPU as a rule; Warp compiles the rest where it is launched after all.
+JOBS: dict[str, tuple[str, ...]] = {"score": (PACKETS, SCORE, TEXT), "map": (MAP,)}
+
+#: No gradients; no fused multiply-adds, so that vectors, scalars and other machines round alike; and LLVM's own limits,
+#: because Warp's lower one for superword vectors halves the speed of kernels on 16 lanes.
+OPTIONS = {"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"}
+
+for _name in FILES:
+    wp.set_module_options(OPTIONS, module=_name)
+
+# Loops over lanes are left to LLVM: unrolled by Warp they take several times as long to compile, and run no faster.
+wp.set_module_options({"max_unroll": 1}, module=PACKETS)
+
+
+def import_kernels(module: str) -> None:
+    """Import every file with kernels in a module of FILES."""
+    for file in FILES[module]:
+        import_module(f"maomaps_warp.kernels.{file}")

@@ -1,0 +1,71 @@
+"""The distance field of a voxel map, for rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.mapping.bricked_field import fill_with_bricks
+from maomaps_warp.mapping.threads import thread_count
+from maomaps_warp.model.voxels import VoxelMap
+
+#: Bytes of a dense field at most, half a byte a cell; maps with a larger box get bricks.
+DENSE_BYTES = 256 << 20
+#: Where eight clearances lie in a number.
+_SHIFTS = np.arange(0, 32, 4, dtype=np.uint32)
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelField:
+    """Occupied voxels, ready for rays.
+
+    Attributes:
+        voxels: the map it was built from; hits are positions in it.
+        field: kernels.distance_field.DistanceField, what kernels take.
+        device: Warp device.
+    """
+
+    voxels: VoxelMap
+    field: Any
+    device: str
+
+
+def build_voxel_field(voxels: VoxelMap, device: str = "cpu", *, dense_bytes: int = DENSE_BYTES) -> VoxelField:
+    """Build the distance field of a map.
+
+    Args:
+        voxels: the map.
+        device: Warp device.
+        dense_bytes: above this, half a byte for each cell of the map's box, the field is made of bricks: slower to
+            build and to cast rays through, with the same hits.
+
+    Raises:
+        ValueError: the map is empty.
+    """
+    import warp as wp
+
+    from maomaps_warp.kernels.distance_field_building import build_distance_field, lay_out_field
+
+    if not len(voxels):
+        raise ValueError("a distance field needs at least one voxel")
+    i, j, k = (voxels.ijk[:, axis] for axis in range(3))
+    lower = int(i[0]), int(j.min()), int(k.min())
+    upper = int(i[-1]), int(j.max()), int(k.max())
+    size, offset = voxels.grid.voxel_size, voxels.grid.center_offset
+    field = lay_out_field(lower, upper, size, offset)
+    if field.nx * field.ny * field.nz // 2 <= dense_bytes:
+        ijk = wp.array(voxels.ijk, dtype=wp.vec3i, device=device, copy=False)
+        field = build_distance_field(ijk, lower, upper, size, offset, threads=thread_count(device))
+    else:
+        fill_with_bricks(field, voxels.ijk, device)
+    return VoxelField(voxels, field, device)
+
+
+def unpack_clearance(field: Any) -> NDArray[np.uint8]:
+    """Clearance of every cell of a dense field, (nx, ny, nz) uint8."""
+    packed = field.clearance.numpy().view(np.uint32)
+    cells = (packed[:, None] >> _SHIFTS).astype(np.uint8) & 15
+    return np.asarray(cells.reshape(field.nx, field.ny, field.nz))

@@ -1,0 +1,125 @@
+"""Association with packets of elements, on a CPU: chunks of elements side by side on all cores."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.mapping.distance_field import VoxelField
+from maomaps_warp.mapping.threads import thread_count
+from maomaps_warp.scoring.association_search import Found, found_of, pose_pairs, view_of
+from maomaps_warp.scoring.element_bricks import ElementBricks, sort_into_bricks
+
+if TYPE_CHECKING:
+    from maomaps_warp.scoring.association import ViewRules
+
+#: Elements of the first chunk, which loads the kernels while the other cores wait.
+_FIRST_CHUNK = 64
+#: Chunks for each thread: some cost more than others, and a thread that ends early takes the next.
+_CHUNKS_PER_THREAD = 7
+#: Elements of a chunk: enough that bricks are whole, few enough that progress is told.
+_CHUNK_POINTS = (1 << 11, 1 << 15)
+#: Most pairs of a packet and a pose for which a launch has room; 136 bytes each, touched only where something is found.
+_CHUNK_ROWS = 1 << 20
+#: Elements of a packet.
+_PACKET = 16
+
+
+class PacketSearch:
+    """The arrays of one association in packets, and its launches chunk by chunk."""
+
+    def __init__(
+        self,
+        elements: NDArray[np.float64],
+        est: VoxelField,
+        gt: VoxelField,
+        T_est: NDArray[np.float64],
+        T_gt: NDArray[np.float64],
+        rules: ViewRules,
+    ) -> None:
+        import warp as wp
+
+        from maomaps_warp.kernels.association_sight import Sight
+        from maomaps_warp.kernels.ray_leap import lanes_f
+
+        self.rules, self.elements, self.grid, self.poses = rules, elements, est.voxels.grid, len(T_est)
+        self.sight = Sight()
+        self.sight.poses = pose_pairs(self.grid.origin, T_est, T_gt, "cpu")
+        self.sight.blocks = wp.array(_pose_blocks(self.grid.origin, T_est, rules), dtype=lanes_f, device="cpu")
+        self.sight.view = view_of(rules)
+        self.sight.est, self.sight.gt = est.field, gt.field
+        self.sight.tolerance = rules.occlusion_tolerance
+
+    def chunks(self) -> list[slice]:
+        """Elements of one launch each: neighbours, as maps list their voxels in order."""
+        count = len(self.elements)
+        size = int(np.clip(count // (_CHUNKS_PER_THREAD * thread_count()), *_CHUNK_POINTS))
+        edges = [0, *range(min(_FIRST_CHUNK, count), count, size), count]
+        return [slice(a, b) for a, b in pairwise(edges) if a < b]
+
+    def run(self, rows: slice) -> tuple[NDArray[np.int32], Found]:
+        """Best status (n,) of the elements in `rows`, and their correspondences."""
+        columns = tuple((self.elements[rows, a] - self.grid.origin[a]).astype(np.float32) for a in range(3))
+        bricks = sort_into_bricks(columns, self.grid.voxel_size)
+        if self.rules.pose_choice != "all":
+            return self._one_pose(rows, bricks)
+        return self._every_pose(rows, bricks)
+
+    def _one_pose(self, rows: slice, bricks: ElementBricks) -> tuple[NDArray[np.int32], Found]:
+        from maomaps_warp.kernels import association_packets as kernels
+
+        choice = {"nearest": kernels.NEAREST, "first": kernels.FIRST, "last": kernels.LAST}[self.rules.pose_choice]
+        outs = kernels.associate_packets(_kernel_bricks(bricks), self.sight, int(choice), len(bricks.order))
+        status, pose, est_voxel, gt_voxel = (out.numpy() for out in outs)
+        return status, found_of(rows.start, pose, est_voxel, gt_voxel)
+
+    def _every_pose(self, rows: slice, bricks: ElementBricks) -> tuple[NDArray[np.int32], Found]:
+        import warp as wp
+
+        from maomaps_warp.kernels import association_packets as kernels
+
+        if bricks.packets * self.poses > _CHUNK_ROWS and rows.stop - rows.start > _PACKET:
+            middle = (rows.start + rows.stop) // 2
+            halves = [self.run(slice(rows.start, middle)), self.run(slice(middle, rows.stop))]
+            status = np.concatenate([half[0] for half in halves])
+            return status, Found(*(np.concatenate(columns) for columns in zip(*(h[1] for h in halves), strict=True)))
+        on_device = _kernel_bricks(bricks)
+        statuses, counts, found = kernels.associate_packets_all(
+            on_device, self.sight, bricks.packets, len(bricks.order)
+        )
+        count = counts.numpy()
+        first = wp.array(np.cumsum(count, dtype=np.int32) - count, dtype=wp.int32, device="cpu")
+        outs = kernels.collect_rows(found, on_device, rows.start, first, int(count.sum()))
+        return statuses.numpy(), Found(*(out.numpy() for out in outs))
+
+
+def _kernel_bricks(bricks: ElementBricks) -> Any:
+    import warp as wp
+
+    from maomaps_warp.kernels.association_sight import Bricks
+
+    low, high = bricks.boxes()
+    on_device = Bricks()
+    on_device.first = wp.array(bricks.first, dtype=wp.int32, device="cpu", copy=False)
+    on_device.low, on_device.high = (wp.array(corner, dtype=wp.vec3, device="cpu") for corner in (low, high))
+    on_device.x, on_device.y, on_device.z = (
+        wp.array(c, dtype=wp.float32, device="cpu", copy=False) for c in bricks.columns
+    )
+    on_device.element = wp.array(bricks.order.astype(np.int32), dtype=wp.int32, device="cpu")
+    return on_device
+
+
+def _pose_blocks(
+    origin: NDArray[np.float64], T_world_camera: NDArray[np.float64], rules: ViewRules
+) -> NDArray[np.float32]:
+    """Poses for culling, (ceil(P / 16), 18, 16) float32: position, normals of the view's borders, optical axis."""
+    x_min, x_max, y_min, y_max = rules.camera.tangent_bounds
+    borders = np.array([[1, 0, -x_min], [-1, 0, x_max], [0, 1, -y_min], [0, -1, y_max], [0, 0, 1]])
+    poses = len(T_world_camera)
+    rows = np.zeros((-(-poses // 16) * 16, 6, 3), dtype=np.float32)
+    rows[:poses, 0] = T_world_camera[:, :3, 3] - origin
+    rows[:poses, 1:] = np.einsum("pij,nj->pni", T_world_camera[:, :3, :3], borders)
+    return np.ascontiguousarray(rows.reshape(-1, 16, 18).transpose(0, 2, 1))

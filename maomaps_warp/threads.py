@@ -1,0 +1,27 @@
+"""How many threads the stages use on a CPU."""
+
+from __future__ import annotations
+
+import os
+
+from maomaps_warp.errors import InputError
+
+#: Overrides the number of threads; by default one for each core that this process may use.
+THREADS_VARIABLE = "MAOMAPS_THREADS"
+
+
+def thread_count(device: str = "cpu") -> int:
+    """Threads for work on `device`: MAOMAPS_THREADS, else the usable cores; 1 on a GPU.
+
+    Raises:
+        InputError: MAOMAPS_THREADS is no whole number above 0.
+    """
+    if device != "cpu":
+        return 1
+    given = os.environ.get(THREADS_VARIABLE)
+    if given is None:
+        # Affinity, where the system knows it: a container or taskset may allow fewer cores than there are.
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not given.isdecimal() or int(given) < 1:
+        raise InputError(THREADS_VARIABLE, f"{given!r} is no number of threads", "give a whole number above 0")
+    return int(given)
