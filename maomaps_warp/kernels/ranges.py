@@ -7,7 +7,7 @@ for each range, on several threads. Ranges must not write to the same memory. On
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -46,13 +46,22 @@ def launch_ranges(
         wp.launch(kernel, dim=count, inputs=[0, *inputs], outputs=list(outputs), device=device)
         return
     edges = [count * k // ranges for k in range(ranges + 1)]
-    # Recording a command loads the kernel and packs its arguments here; the threads only run it.
+    left = iter(list(pairwise(edges)))
+    # Recording a command loads the kernel and packs its arguments: once for each thread, not for each range.
     commands = [
-        wp.launch(
-            kernel, dim=stop - start, inputs=[start, *inputs], outputs=list(outputs), device=device, record_cmd=True
-        )
-        for start, stop in pairwise(edges)
+        wp.launch(kernel, dim=1, inputs=[0, *inputs], outputs=list(outputs), device=device, record_cmd=True)
+        for _ in range(min(threads, ranges))
     ]
-    with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(command.launch) for command in commands]:
-            done.result()
+    with ThreadPoolExecutor(len(commands) - 1) as pool:
+        others = [pool.submit(_run, command, left) for command in commands[1:]]
+        _run(commands[0], left)
+        for other in others:
+            other.result()
+
+
+def _run(command: Any, left: Iterator[tuple[int, int]]) -> None:
+    """Run a command on ranges until none is left; other threads take theirs from the same iterator."""
+    for start, stop in left:
+        command.set_param_at_index(0, start)
+        command.set_dim(stop - start)
+        command.launch()
