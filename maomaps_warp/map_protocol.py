@@ -8,6 +8,9 @@ from typing import Any, Literal
 
 from maomaps_warp.protocol import (
     DEFAULT_STAMP_GAP,
+    MAX_RANGE,
+    MIN_RANGE,
+    PIXEL_STRIDE,
     Arithmetic,
     ColorMean,
     MatchMethod,
@@ -31,15 +34,9 @@ class MapProtocol:
         "edge of a voxel; voxel k is centred on k * voxel_size, halves to even",
         "paper, section III-A: discretisation step",
     )
-    min_range: float = constant(
-        0.01, "m", "depth samples at this distance or nearer are no map points", "original gt_map_creator"
-    )
-    max_range: float = constant(
-        10.0, "m", "depth samples at this distance or farther are no map points", "original gt_map_creator"
-    )
-    pixel_stride: int = constant(
-        1, "pixels", "every n-th pixel of each row and column is back-projected", "original: every pixel"
-    )
+    min_range: float = constant(*MIN_RANGE)
+    max_range: float = constant(*MAX_RANGE)
+    pixel_stride: int = constant(*PIXEL_STRIDE)
     rotation: RotationChoice = constant(
         "full",
         "",

@@ -35,6 +35,12 @@ def constant(default: Any, unit: str, meaning: str, source: str) -> Any:
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "source": source})
 
 
+#: Which depth samples become map points: of every protocol that maps recordings.
+MIN_RANGE = (0.01, "m", "depth samples at this distance or nearer are no map points", "original gt_map_creator")
+MAX_RANGE = (10.0, "m", "depth samples at this distance or farther are no map points", "original gt_map_creator")
+PIXEL_STRIDE = (1, "pixels", "every n-th pixel of each row and column is back-projected", "original: every pixel")
+
+
 def check_number(protocol: Any, name: str, *, above: float | None = None, least: float | None = None) -> None:
     """Refuse a field that is NaN, beyond all measure, not above `above` or below `least`.
 
@@ -78,15 +84,9 @@ class Protocol:
         "full 2x2x2 blocks of the predicted map count as one element, repeatedly",
         "OctoMap in the original scorer; a defect elsewhere: thick walls weigh less",
     )
-    min_range: float = constant(
-        0.01, "m", "depth samples at this distance or nearer are no map points", "original gt_map_creator"
-    )
-    max_range: float = constant(
-        10.0, "m", "depth samples at this distance or farther are no map points", "original gt_map_creator"
-    )
-    pixel_stride: int = constant(
-        1, "pixels", "every n-th pixel of each row and column is back-projected", "original: every pixel"
-    )
+    min_range: float = constant(*MIN_RANGE)
+    max_range: float = constant(*MAX_RANGE)
+    pixel_stride: int = constant(*PIXEL_STRIDE)
     align: AlignMethod = constant(
         "none", "", "transform of the estimate found from the trajectories", "paper: none; field: evo"
     )

@@ -69,8 +69,10 @@ def _works(setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
     if options.gate:
         failed += gate.failures(rows, baseline["ratios"])
     if options.write_baseline and not failed:
-        kept = baseline["ratios"] | gate.ratios(rows)
         facts = {"machine": machine.machine(), "versions": machine.versions()}
+        # Ratios of another machine, or against other peers, are no part of this baseline.
+        older = baseline["ratios"] if {key: baseline.get(key) for key in facts} == facts else {}
+        kept = older | gate.ratios(rows)
         BASELINE.write_text(json.dumps(facts | {"ratios": dict(sorted(kept.items()))}, indent=2) + "\n", "utf-8")
     return {"rows": [to_json(row) for row in rows], "skipped": [asdict(entry) for entry in skipped], "failed": failed}
 

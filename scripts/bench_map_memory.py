@@ -131,6 +131,7 @@ def _write_bag(path: str, frames: str, kind: str) -> dict[str, Any]:
 
 
 def _map_bag(path: str) -> dict[str, Any]:
+    from maomaps_warp.io.sample_writing import write_run
     from maomaps_warp.io.sources import SourceOptions
     from maomaps_warp.jobs.ground_truth import build_ground_truth, open_recording
     from maomaps_warp.map_protocol import MAP_PRESETS
@@ -139,6 +140,8 @@ def _map_bag(path: str) -> dict[str, Any]:
     rules = MAP_PRESETS["maomaps"]
     source = open_recording(Path(path), rules, SourceOptions(pose_frame="optical"))
     truth = build_ground_truth(source, rules)
+    with tempfile.TemporaryDirectory() as folder:
+        write_run(Path(folder), "first", truth.voxels, truth.trajectory)
     return _result(len(truth.voxels), began)
 
 

@@ -149,7 +149,7 @@ def test_messages_are_taken_one_by_one(tmp_path: Path, kind: BagKind) -> None:
     def counted() -> Iterator[Entry]:
         for entry in entries(kind, count=3):
             # A hidden folder holds the bag so far: nothing waits for the last message.
-            seen.append(len([x for x in tmp_path.iterdir() if x.name.startswith(".unfinished-")]))
+            seen.append(len([x for x in tmp_path.iterdir() if x.name.endswith(".part")]))
             yield entry
 
     write_bag(tmp_path / NAMES[kind], kind, counted())

@@ -11,7 +11,7 @@ from scenes import camera_pose, cluttered_room
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.clouds import read_cloud
-from maomaps_warp.io.sample_directories import RUN_NAMES, read_merged, read_sample, runs_of
+from maomaps_warp.io.sample_directories import RUN_NAMES, read_sample, runs_of
 from maomaps_warp.io.sample_writing import (
     SamplePlace,
     SampleRun,
@@ -19,7 +19,6 @@ from maomaps_warp.io.sample_writing import (
     check_sample_writable,
     heading_notes,
     point_lines,
-    write_merged,
     write_run,
     write_sample,
 )
@@ -87,13 +86,10 @@ def test_the_original_readers_find_tables_of_the_same_length(tmp_path: Path) -> 
 
 def test_the_pcd_holds_the_points_of_the_text_and_the_colours(tmp_path: Path) -> None:
     voxels = _map()
-    write_merged(tmp_path, voxels)
-    cloud = read_cloud(tmp_path / "gt_points_merged.pcd")
+    write_run(tmp_path, "first", voxels, _trajectory())
+    cloud = read_cloud(tmp_path / "gt_points_first.pcd")
     np.testing.assert_array_equal(np.rint(cloud.points / 0.05), _world_cells(voxels))
     np.testing.assert_array_equal(cloud.colors, voxels.colors)
-    merged = read_merged(tmp_path)
-    assert merged.source.endswith(".txt")
-    np.testing.assert_array_equal(merged.colors, voxels.colors)
 
 
 @pytest.mark.parametrize("voxel_size", [0.05, 0.1, 0.02, 0.0333, 1 / 3, 0.25, 2.0])
@@ -103,7 +99,7 @@ def test_points_in_text_are_the_exact_multiples_of_the_voxel_size(voxel_size: fl
     cells = np.random.default_rng(5).integers(-200_000, 200_000, (500, 3))
     grid = VoxelGrid(voxel_size, np.array([4, -400, 1000]))
     voxels = VoxelMap(grid, (cells - grid.origin_ijk).astype(np.int32), np.ones(500, np.int64))
-    rows = [line.split() for line in point_lines(voxels)]
+    rows = [line.split() for line in b"".join(point_lines(voxels)).decode().splitlines()]
     expected = [[index * Decimal(repr(voxel_size)) for index in row] for row in cells.tolist()]
     assert [[Decimal(word) for word in row] for row in rows] == expected
     assert not [word for row in rows for word in row if "E" in word.upper() or word == "-0"]
@@ -113,7 +109,7 @@ def test_points_in_text_are_the_exact_multiples_of_the_voxel_size(voxel_size: fl
 def test_points_in_text_look_as_people_write_them() -> None:
     cells = np.array([[7, -7, 0], [20, 200, -3]], np.int32)
     voxels = VoxelMap(VoxelGrid(0.05, np.zeros(3, np.int64)), cells, np.ones(2, np.int64))
-    assert point_lines(voxels) == ["0.35 -0.35 0\n", "1 10 -0.15\n"]
+    assert b"".join(point_lines(voxels)) == b"0.35 -0.35 0\n1 10 -0.15\n"
 
 
 def test_the_start_pose_brings_a_map_of_the_first_camera_back_where_it_was(tmp_path: Path) -> None:
@@ -186,18 +182,21 @@ def test_a_single_file_of_an_older_run_is_enough_to_be_refused(tmp_path: Path) -
     assert [path.name for path in tmp_path.iterdir()] == ["gt_poses_first_timestamps.txt"]
 
 
-def test_when_a_file_cannot_take_its_place_all_former_files_come_back(tmp_path: Path, monkeypatch) -> None:
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["full", "Ctrl-C"])
+def test_when_a_file_cannot_take_its_place_all_former_files_come_back(
+    tmp_path: Path, monkeypatch, error: BaseException
+) -> None:
     write_run(tmp_path, "first", _map(1), _trajectory())
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     rename = Path.rename
 
     def failing(self: Path, target: Path) -> Path:
         if self.name == "gt_poses_first.txt" and self.parent.name.endswith(".part"):
-            raise OSError(28, "No space left on device")
+            raise error
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", failing)
-    with pytest.raises(InputError, match="No space left on device"):
+    with pytest.raises((InputError, KeyboardInterrupt), match="No space left on device|^$"):
         write_run(tmp_path, "first", _map(2), _trajectory(3), overwrite=True)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 

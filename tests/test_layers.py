@@ -23,7 +23,7 @@ ALLOWED = {
     "io": {"kernels", "model", "protocol", "errors", "threads"},
     "report": {"model", "protocol", "map_protocol", "errors"},
     "mapping": {"kernels", "model", "protocol", "errors", "threads"},
-    "scoring": {"mapping", "kernels", "model", "protocol", "errors"},
+    "scoring": {"mapping", "kernels", "model", "protocol", "errors", "threads"},
     "sim": {"kernels", "io", "model", "protocol", "errors"},
     "pipeline": {
         "map_building",

@@ -24,7 +24,10 @@ def _poses(rng, count, reach):
 
 def _correspondences(rng, pairs, poses, points, reach):
     est, gt = (rng.uniform(-reach, reach, (points, 3)) for _ in range(2))
-    draw = lambda high: rng.integers(0, high, pairs).astype(np.int32)  # noqa: E731
+
+    def draw(high):
+        return rng.integers(0, high, pairs).astype(np.int32)
+
     none = np.zeros(0, dtype=np.uint8)
     return Correspondences(est, none, draw(points), draw(poses), est, draw(points), gt, draw(points))
 

@@ -10,11 +10,11 @@ from maomaps_warp.mapping import brick_map
 from maomaps_warp.mapping.brick_map import BrickMap
 from maomaps_warp.mapping.brick_table import BrickTable
 from maomaps_warp.mapping.depth_rows import DepthImages
-from maomaps_warp.mapping.threads import THREADS_VARIABLE
 from maomaps_warp.mapping.voxel_map import DepthLimits
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.scene import furnished_flat
+from maomaps_warp.threads import THREADS_VARIABLE
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 48, 100])

@@ -15,11 +15,11 @@ from maomaps_warp.kernels import voxel_bricks
 from maomaps_warp.mapping import brick_map, brick_table
 from maomaps_warp.mapping.brick_map import BrickMap
 from maomaps_warp.mapping.depth_rows import DepthImages
-from maomaps_warp.mapping.threads import THREADS_VARIABLE
 from maomaps_warp.mapping.voxel_map import DepthLimits, build_voxel_map
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.voxels import VoxelGrid
+from maomaps_warp.threads import THREADS_VARIABLE
 
 
 @pytest.mark.parametrize("mean", ["rounded", "truncated", None])

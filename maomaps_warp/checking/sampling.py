@@ -30,14 +30,12 @@ class FrameSample:
         index: (N,) int64, places in the stream, ascending.
         stamps_ns: (N,) int64, nanoseconds; None if the frames have none.
         depth: (N, h, w) float32, metres along the optical axis, 0 = missing.
-        source: what they were read from.
     """
 
     camera: Camera
     index: NDArray[np.int64]
     stamps_ns: NDArray[np.int64] | None
     depth: NDArray[np.float32]
-    source: str
 
     def __len__(self) -> int:
         return len(self.depth)
@@ -72,7 +70,6 @@ def sample_frames(stream: FrameStream, *, progress: _Progress | None = None) -> 
         index=np.array([index for index, _, _ in kept], dtype=np.int64),
         stamps_ns=np.array(stamps, dtype=np.int64) if len(stamps) == len(kept) else None,
         depth=np.stack([depth for *_, depth in kept]) if kept else np.zeros((0, small.height, small.width), np.float32),
-        source=stream.source,
     )
 
 

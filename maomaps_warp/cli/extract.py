@@ -61,8 +61,8 @@ def _table(rows: tuple[Extracted, ...]) -> Table:
     from rich.table import Table
 
     table = Table(box=box.SIMPLE, pad_edge=False)
-    for name, justify in (("topic", "left"), ("type", "left"), ("size", "right"), ("file", "left")):
-        table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    for name in ("topic", "type", "size", "file"):
+        table.add_column(name, justify="right" if name == "size" else "left", overflow="fold")
     for row in rows:
         names = [file.name for file in row.files]
         shown = ", ".join(names) if len(names) <= 2 else f"{names[0]} ... ({len(names)} files)"

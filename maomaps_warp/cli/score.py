@@ -131,8 +131,8 @@ def score(
 
 
 def _has_map(whole: Path | None, map_part: Path | None) -> bool:
-    """Whether a side surely has a map, before anything is read: a map of its own, or a folder."""
-    return map_part is not None or (whole is not None and whole.is_dir())
+    """Whether a side surely has a map, before anything is read: a map of its own, or a folder that is no ROS 2 bag."""
+    return map_part is not None or (whole is not None and whole.is_dir() and not (whole / "metadata.yaml").exists())
 
 
 def _start_device(name: str) -> None:

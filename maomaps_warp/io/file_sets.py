@@ -17,7 +17,8 @@ def write_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = Fals
     """Collects files in a hidden folder; when the block ends well they appear in `folder`, else no file changes.
 
     A folder that does not exist appears as a whole, with its parents. In one that exists, files change places by
-    renaming; if one of the renames fails, the former files come back.
+    renaming; if one of the renames fails or is interrupted, the former files come back. What cannot be put back stays
+    in a hidden folder beside them.
 
     Args:
         folder: where the files shall lie.
@@ -76,21 +77,22 @@ def check_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = Fals
 
 
 def _exchange(staging: Path, folder: Path, names: tuple[str, ...]) -> None:
-    """Put the new entries in the place of the former ones, which go into the hidden folder."""
+    """Put the new entries in the place of the former ones, which wait in another hidden folder until all are there."""
     fresh = sorted(staging.iterdir())
-    former = staging / "former"
+    former = staging.with_suffix(".former")
     former.mkdir()
-    moved: list[tuple[Path, Path]] = []
     moves = [(folder / name, former / name) for name in names if _stands(folder / name)]
     moves += [(entry, folder / entry.name) for entry in fresh]
     try:
         for source, target in moves:
             source.rename(target)
-            moved.append((source, target))
-    except OSError:
-        for source, target in reversed(moved):
-            target.rename(source)
+    except BaseException:  # Ctrl-C too
+        for source, target in reversed(moves):
+            if not _stands(source):
+                target.rename(source)
+        former.rmdir()
         raise
+    shutil.rmtree(former, ignore_errors=True)
 
 
 def _stands(path: Path) -> bool:

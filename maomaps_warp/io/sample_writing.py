@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -18,6 +18,7 @@ from maomaps_warp.io.file_sets import check_file_set, write_file_set
 from maomaps_warp.io.outputs import write_whole
 from maomaps_warp.io.pcd import write_pcd
 from maomaps_warp.io.sample_directories import MERGED, RUN_NAMES, merged_files, run_files
+from maomaps_warp.io.text_rows import text_rows
 from maomaps_warp.io.trajectories import write_maomaps_poses
 from maomaps_warp.model.pose_convention import T_BODY_CAMERA
 from maomaps_warp.model.trajectory import Trajectory
@@ -101,13 +102,6 @@ def check_run_writable(folder: Path, run: str, *, overwrite: bool = False) -> No
     check_file_set(folder, run_files(run), overwrite=overwrite)
 
 
-def write_merged(folder: Path, voxels: VoxelMap, *, overwrite: bool = False) -> tuple[Path, ...]:
-    """Write `gt_points_merged.{pcd,txt}` and, if the map has colours, `gt_colors_merged.txt`; as `write_run` does."""
-    with write_file_set(folder, merged_files(), overwrite=overwrite) as staging:
-        _fill_map(staging, MERGED, voxels)
-    return _existing(folder, merged_files())
-
-
 def write_sample(place: SamplePlace, runs: Mapping[str, SampleRun], merged: VoxelMap) -> tuple[Path, ...]:
     """Write a whole sample directory: it appears complete, or nothing changes.
 
@@ -167,13 +161,12 @@ def heading_notes(trajectory: Trajectory) -> tuple[str, ...]:
     )
 
 
-def point_lines(voxels: VoxelMap) -> list[str]:
+def point_lines(voxels: VoxelMap) -> Iterator[bytes]:
     """`x y z` of each voxel's centre, metres: the exact decimal multiple of the voxel size as Python writes it."""
     grid = voxels.grid
     size, offset = Decimal(repr(grid.voxel_size)), Decimal(repr(grid.center_offset))
-    distinct, inverse = np.unique(voxels.ijk.astype(np.int64) + grid.origin_ijk, return_inverse=True)
-    text = [format(((index + offset) * size).normalize(), "f") for index in distinct.tolist()]
-    return [f"{text[x]} {text[y]} {text[z]}\n" for x, y, z in inverse.reshape(-1, 3).tolist()]
+    cells = voxels.ijk.astype(np.int64) + grid.origin_ijk
+    return text_rows(list(cells.T), lambda index: format(((int(index) + offset) * size).normalize(), "f"))
 
 
 def _fill_run(folder: Path, run: str, voxels: VoxelMap, trajectory: Trajectory) -> None:
@@ -192,11 +185,11 @@ def _fill_map(folder: Path, run: str, voxels: VoxelMap) -> None:
     if not len(voxels):
         raise ValueError("a map needs at least one voxel")
     write_pcd(folder / f"gt_points_{run}.pcd", voxels.points, voxels.colors)
-    with write_whole(folder / f"gt_points_{run}.txt") as file:
+    with write_whole(folder / f"gt_points_{run}.txt", "wb") as file:
         file.writelines(point_lines(voxels))
     if voxels.colors is not None:
-        with write_whole(folder / f"gt_colors_{run}.txt") as file:
-            file.writelines(f"{r} {g} {b}\n" for r, g, b in voxels.colors.tolist())
+        with write_whole(folder / f"gt_colors_{run}.txt", "wb") as file:
+            file.writelines(text_rows(list(voxels.colors.T), str))
 
 
 def _heading(T_world_camera: NDArray[np.float64]) -> float:

@@ -136,18 +136,18 @@ def _lifted(flat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _rigid(matrices: NDArray[np.float64], table: Table, lines_each: int) -> tuple[NDArray[np.float64] | None, ...]:
-    found: list[NDArray[np.float64] | None] = []
-    for number, matrix in enumerate(matrices):
-        if not matrix.any():
-            found.append(None)
-            continue
-        where = table.where(number * lines_each)
-        if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-6):
-            raise InputError(where, f"the last row is {matrix[3].tolist()}", "a rigid transform ends in 0 0 0 1")
-        _refuse_similarity(matrix[:3, :3], where)
-        rotation = checked_rotations(matrix[None, :3, :3], lambda _row, where=where: where)  # type: ignore[misc]
-        found.append(poses(matrix[None, :3, 3], rotation)[0])
-    return tuple(found)
+    return tuple(_rigid_or_none(matrix, table.where(n * lines_each)) for n, matrix in enumerate(matrices))
+
+
+def _rigid_or_none(matrix: NDArray[np.float64], where: str) -> NDArray[np.float64] | None:
+    """A rigid transform, (4, 4); None for all zeros: not merged."""
+    if not matrix.any():
+        return None
+    if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-6):
+        raise InputError(where, f"the last row is {matrix[3].tolist()}", "a rigid transform ends in 0 0 0 1")
+    _refuse_similarity(matrix[:3, :3], where)
+    rotation = checked_rotations(matrix[None, :3, :3], lambda _row: where)
+    return np.asarray(poses(matrix[None, :3, 3], rotation)[0])
 
 
 def _refuse_similarity(matrix: NDArray[np.float64], where: str) -> None:

@@ -12,17 +12,13 @@ from numpy.typing import NDArray
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.sample_directories import RUN_NAMES, read_merged, read_sample, runs_of, sample_directories
 from maomaps_warp.io.source import Part, Source
+from maomaps_warp.mapping.cloud_map import check_extent, lattice_of
 from maomaps_warp.mapping.projection import find_ground, ground_height, project
 from maomaps_warp.model.dataset import DatasetFigures, OverlapFigures, RunFigures, SampleFigures
 from maomaps_warp.model.trajectory import Trajectory
-from maomaps_warp.model.voxels import KEY_BIAS, VoxelGrid
+from maomaps_warp.model.voxels import VoxelGrid
 from maomaps_warp.scoring.overlap import map_overlap
 from maomaps_warp.stopwatch import Stopwatch
-
-#: Voxels. Points farther from the lattice than this are not on it; PCD's float32 moves them by less.
-LATTICE_TOLERANCE = 0.05
-#: Fewer points may have a common spacing by chance.
-LATTICE_POINTS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +95,7 @@ def sample_figures(
     notes = [plane.note] if plane.note else []
     overlap = None
     if len(maps) == len(runs) >= 2:
-        found = map_overlap(maps, voxel_size, plane)
-        overlap = OverlapFigures(found.known_iou, found.obstacle_iou, found.voxel_iou, found.counts)
+        overlap = map_overlap(maps, voxel_size, plane)
         notes += _overlap_notes(overlap, len(merged))
     return SampleFigures(name, figures, overlap, len(merged), (columns, rows), plane.z, notes=tuple(notes))
 
@@ -180,24 +175,10 @@ def _lattice_notes(clouds: dict[str, NDArray[np.float64] | None], voxel_size: fl
     grid = VoxelGrid.around(np.concatenate(list(present.values())), voxel_size)
     notes = []
     for name, points in present.items():
-        _check_reach(f"map {name}", points, grid)
-        steps = points / voxel_size
-        cells = np.rint(steps).astype(np.int64)
-        off = int((np.abs(steps - cells) > LATTICE_TOLERANCE).any(axis=1).sum())
+        check_extent(points, grid, f"map {name}")
+        off, stride = lattice_of(points, voxel_size)
         if off:
             notes.append(f"map {name}: {off} points are no multiples of {voxel_size:g} m and were rounded")
-            continue
-        spacing = int(np.gcd.reduce(cells - cells[0], axis=None))
-        if spacing > 1 and len(points) >= LATTICE_POINTS:
-            notes.append(f"map {name}: its points lie {spacing * voxel_size:g} m apart: is that the --voxel-size?")
+        elif stride > 1:
+            notes.append(f"map {name}: its points lie {stride * voxel_size:g} m apart: is that the --voxel-size?")
     return notes
-
-
-def _check_reach(where: str, points: NDArray[np.float64], grid: VoxelGrid) -> None:
-    distances = np.abs(points - grid.origin).max(axis=1)
-    worst = int(distances.argmax())
-    limit = (KEY_BIAS - 2) * grid.voxel_size
-    if distances[worst] > limit:
-        place = " ".join(f"{value:g}" for value in points[worst])
-        found = f"point {worst + 1} at {place} m lies {distances[worst]:g} m from the middle of the maps"
-        raise InputError(where, found, f"voxels of {grid.voxel_size:g} m reach {limit:g} m: remove outliers")

@@ -12,7 +12,7 @@ from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags import BagContents, open_bag, read_bag_cloud, read_bag_clouds, read_bag_trajectory
 from maomaps_warp.io.bags.occupancy import read_bag_grid
 from maomaps_warp.io.bags.reading import Bag, Topic
-from maomaps_warp.io.bags.topics import CLOUD_TYPE, GRID_TYPE, POSE_TYPES, Role
+from maomaps_warp.io.bags.topics import CLOUD_TYPE, GRID_TYPE, POSE_TYPES
 from maomaps_warp.io.clouds import write_cloud
 from maomaps_warp.io.occupancy_maps import write_map_server
 from maomaps_warp.io.stamp_order import seconds_text
@@ -81,7 +81,7 @@ class Extraction:
 
 #: One file, or several that belong together: the files, points or poses or cells, notes.
 _Piece = tuple[tuple[Path, ...], int, tuple[str, ...]]
-_Taker = Callable[[BagContents, Path, ExtractOptions], Iterator[_Piece]]
+_Taker = Callable[[Bag, Topic, Path, ExtractOptions], Iterator[_Piece]]
 
 
 def extract(path: Path, folder: Path, options: ExtractOptions, clock: Stopwatch) -> Extraction:
@@ -161,11 +161,10 @@ def _take(
     bag: Bag, topic: Topic, stem: Path, options: ExtractOptions, taken: list[Extracted], failures: list[str]
 ) -> None:
     """Take one topic; what was written before a failure counts among what was taken."""
-    taker, unit, role = _TAKERS[topic.type]
-    contents = BagContents(bag, (topic.name,), **{role: (topic,)})  # type: ignore[arg-type]
+    taker, unit = _TAKERS[topic.type]
     pieces: list[_Piece] = []
     try:
-        for piece in taker(contents, stem, options):
+        for piece in taker(bag, topic, stem, options):
             pieces.append(piece)  # kept when a later one fails
     except InputError as error:
         failures.append(str(error))
@@ -175,11 +174,11 @@ def _take(
         taken.append(Extracted(topic, sum(count for _, count, _ in pieces), unit, files, tuple(notes)))
 
 
-def _take_clouds(contents: BagContents, stem: Path, options: ExtractOptions) -> Iterator[_Piece]:
+def _take_clouds(bag: Bag, topic: Topic, stem: Path, options: ExtractOptions) -> Iterator[_Piece]:
+    contents, empty = BagContents(bag, (topic.name,), clouds=(topic,)), 0
     if not options.every:
         yield _written(stem.with_name(f"{stem.name}.{options.cloud_format}"), read_bag_cloud(contents))
         return
-    topic, empty = contents.clouds[0], 0
     for number, (stamp_ns, cloud) in enumerate(read_bag_clouds(contents), start=1):
         if not len(cloud):
             empty += 1
@@ -199,7 +198,8 @@ def _written(path: Path, cloud: PointCloud) -> _Piece:
     return (path,), len(cloud), cloud.notes + more
 
 
-def _take_trajectory(contents: BagContents, stem: Path, options: ExtractOptions) -> Iterator[_Piece]:
+def _take_trajectory(bag: Bag, topic: Topic, stem: Path, options: ExtractOptions) -> Iterator[_Piece]:
+    contents = BagContents(bag, (topic.name,), poses=(topic,))
     trajectory = read_bag_trajectory(contents, pose_frame=options.pose_frame)
     path = stem.with_name(f"{stem.name}.txt")
     if options.trajectory_format == "tum":
@@ -210,17 +210,17 @@ def _take_trajectory(contents: BagContents, stem: Path, options: ExtractOptions)
         yield (path, timestamps_beside(path)), len(trajectory), trajectory.notes
 
 
-def _take_grid(contents: BagContents, stem: Path, options: ExtractOptions) -> Iterator[_Piece]:
-    grid = read_bag_grid(contents)
+def _take_grid(bag: Bag, topic: Topic, stem: Path, options: ExtractOptions) -> Iterator[_Piece]:
+    grid = read_bag_grid(BagContents(bag, (topic.name,), grids=(topic,)))
     files = write_map_server(stem.with_name(f"{stem.name}.yaml"), grid, overwrite=options.overwrite)
     yield files, grid.cells.size, grid.notes
 
 
-#: How a type is taken, what it is counted in, and its role among the bag's contents.
-_TAKERS: dict[str, tuple[_Taker, str, Role]] = {
-    CLOUD_TYPE: (_take_clouds, "points", "clouds"),
-    GRID_TYPE: (_take_grid, "cells", "grids"),
-    **dict.fromkeys(POSE_TYPES, (_take_trajectory, "poses", "poses")),
+#: How a type is taken, and what it is counted in.
+_TAKERS: dict[str, tuple[_Taker, str]] = {
+    CLOUD_TYPE: (_take_clouds, "points"),
+    GRID_TYPE: (_take_grid, "cells"),
+    **dict.fromkeys(POSE_TYPES, (_take_trajectory, "poses")),
 }
 
 

@@ -78,7 +78,7 @@ def build_ground_truth(
     """Map the depth images of a recording through its poses.
 
     Args:
-        source: opened by `open_recording`.
+        source: with depth images, its camera that of the protocol if that has one: see `open_recording`.
         protocol: constants and choices.
         device: "auto", "cpu" or "cuda:N".
         clock: collects the stages' times and passes on progress.
@@ -94,8 +94,6 @@ def build_ground_truth(
 
     clock = clock or Stopwatch()
     stream = _frames(source)
-    if protocol.camera:
-        stream = replace(stream, camera=parse_camera(protocol.camera))
     trajectory, notes = _with_known_convention(source, stream, clock)
     notes += (*_jump_notes(trajectory), *_up_notes(trajectory))
     with clock.stage("start device"):

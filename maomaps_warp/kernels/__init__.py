@@ -16,7 +16,7 @@ from typing import Any
 _NAMES = {
     "association": ("associate", "associate_all"),
     "association_rules": ("PosePairs", "View", "in_view", "to_camera"),
-    "back_projection": ("DepthSampling", "Pinhole", "back_project", "integrate_depth"),
+    "back_projection": ("DepthSampling", "Pinhole", "integrate_depth"),
     "back_projection_exact": (
         "ExactPinhole",
         "ExactSampling",
@@ -24,7 +24,10 @@ _NAMES = {
         "cell_of_exact",
         "integrate_depth_exact",
     ),
+    "distance_field": ("DistanceField", "cell_center", "clearance_at", "ray_origin", "voxel_at"),
+    "distance_field_building": ("build_distance_field",),
     "nearest": ("PointTree", "find_nearest", "nearest_point"),
+    "pair_errors": ("Pairs", "pair_errors"),
     "render": ("render_mesh",),
     "surface": ("Surface", "build_surface", "cast_rays", "first_surface"),
     "voxel_hash": (
@@ -38,6 +41,7 @@ _NAMES = {
         "pack_key",
         "rehash",
     ),
+    "voxel_rays": ("cast_packet", "cast_ray", "cast_voxel_rays"),
 }
 _HOME = {name: file for file, names in _NAMES.items() for name in names}
 

@@ -52,7 +52,7 @@ def surface_on_ray(surface: Surface, position: wp.vec3, direction: wp.vec3):
 
 
 @wp.func
-def surface_on_ray(field: DistanceField, position: wp.vec3, direction: wp.vec3):  # noqa: F811
+def surface_on_ray(field: DistanceField, position: wp.vec3, direction: wp.vec3):
     """The same in a distance field."""
     cell = cast_ray(field, ray_origin(field, position), direction)
     voxel = voxel_at(field, cell[0], cell[1], cell[2])

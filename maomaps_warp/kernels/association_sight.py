@@ -57,7 +57,7 @@ def chosen(mask: lanes_i, a: lanes_f, b: lanes_f) -> lanes_f:
 
 
 @wp.func(inline=True)
-def chosen(mask: lanes_i, a: lanes_i, b: lanes_i) -> lanes_i:  # noqa: F811
+def chosen(mask: lanes_i, a: lanes_i, b: lanes_i) -> lanes_i:
     """`a` where the mask is 1, else `b`."""
     r = lanes_i()
     for k in range(16):

@@ -44,9 +44,12 @@ class DepthSampling:
 
 
 @wp.func
-def back_project(camera: Pinhole, u: wp.float32, v: wp.float32, depth: wp.float32) -> wp.vec3:
-    """Camera-frame point (metres, optical) of pixel (u, v) at `depth` metres along the optical axis."""
-    return wp.vec3(depth * ((u - camera.cx) / camera.fx), depth * ((v - camera.cy) / camera.fy), depth)
+def color_at(colors: wp.array3d(dtype=wp.uint8), v: wp.int32, u: wp.int32) -> wp.vec3i:
+    """RGB of a pixel; (0, 0, 0) where there are no colours, (0, 0, 3)."""
+    color = wp.vec3i(0, 0, 0)
+    if colors.shape[0] > 0:
+        color = wp.vec3i(wp.int32(colors[v, u, 0]), wp.int32(colors[v, u, 1]), wp.int32(colors[v, u, 2]))
+    return color
 
 
 @wp.func
@@ -77,10 +80,7 @@ def _integrate_depth_kernel(
     if z > 0.0 and distance_squared > least and distance_squared < most:
         T = T_cells_camera[0]
         cells = wp.vec3(_coordinate(T, 0, a, b, z), _coordinate(T, 1, a, b, z), _coordinate(T, 2, a, b, z))
-        color = wp.vec3i(0, 0, 0)
-        if colors.shape[0] > 0:
-            color = wp.vec3i(wp.int32(colors[v, u, 0]), wp.int32(colors[v, u, 1]), wp.int32(colors[v, u, 2]))
-        add_sample(table, cell_of(cells, 1.0, sampling.center_offset), color, wp.int64(1))
+        add_sample(table, cell_of(cells, 1.0, sampling.center_offset), color_at(colors, v, u), wp.int64(1))
 
 
 def check_depth_image(depth: wp.array, colors: wp.array | None, stride: int, table: VoxelHash) -> wp.array:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from maomaps_warp.kernels.back_projection import check_depth_image
+from maomaps_warp.kernels.back_projection import check_depth_image, color_at
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.voxel_hash import KEY_BIAS, VoxelHash, add_sample
 
@@ -100,10 +100,7 @@ def _integrate_depth_exact_kernel(
                 T[1, 0] * q[0] + T[1, 1] * q[1] + T[1, 2] * q[2] + T[1, 3],
                 T[2, 0] * q[0] + T[2, 1] * q[1] + T[2, 2] * q[2] + T[2, 3],
             )
-            color = wp.vec3i(0, 0, 0)
-            if colors.shape[0] > 0:
-                color = wp.vec3i(wp.int32(colors[v, u, 0]), wp.int32(colors[v, u, 1]), wp.int32(colors[v, u, 2]))
-            add_sample(table, cell_of_exact(p, sampling), color, wp.int64(1))
+            add_sample(table, cell_of_exact(p, sampling), color_at(colors, v, u), wp.int64(1))
 
 
 def integrate_depth_exact(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import MAX_CLEARANCE
+from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, spread_bits
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.voxel_hash import find_slot, pack_key
 
@@ -58,15 +58,6 @@ def _load_window(
 
 
 @wp.func
-def _spread(bits: wp.uint64) -> wp.int32:
-    """The lowest 8 bits, each as the lowest of four."""
-    x = wp.int32(bits & wp.uint64(255))
-    x = (x | (x << 12)) & 0x000F000F
-    x = (x | (x << 6)) & 0x03030303
-    return (x | (x << 3)) & 0x11111111
-
-
-@wp.func
 def _nearer_border(cell: wp.vec3i, shape: wp.vec3i) -> wp.int32:
     """Cells from a field cell to the border, capped; 0 on it and outside."""
     nearest = MAX_CLEARANCE
@@ -105,7 +96,7 @@ def _brick_clearance_kernel(
             for cells in range(64):
                 row = here + (_INNER + cells // 8) * _ROW + _MARGIN + _INNER + cells % 8
                 free = ~(window[row] >> wp.uint64(16))
-                out_clearance[place, cells] = out_clearance[place, cells] + _spread(free)
+                out_clearance[place, cells] = out_clearance[place, cells] + spread_bits(free)
             # Layers and rows that can still reach the brick.
             for x in range(reach, _WINDOW - reach):
                 for block in range(5):

@@ -53,6 +53,15 @@ class DistanceField:
 
 
 # Inlined, for a call would copy the struct, half a kilobyte.
+@wp.func
+def spread_bits(bits: wp.uint64) -> wp.int32:
+    """The lowest 8 bits, each as the lowest of four: eight clearances of 0 or 1."""
+    x = wp.int32(bits & wp.uint64(255))
+    x = (x | (x << 12)) & 0x000F000F
+    x = (x | (x << 6)) & 0x03030303
+    return (x | (x << 3)) & 0x11111111
+
+
 @wp.func(inline=True)
 def voxel_at(field: DistanceField, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int32:
     """Position in the map of the voxel in field cell (x, y, z), or -1 if the cell is free, border or outside."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, DistanceField
+from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, DistanceField, spread_bits
 from maomaps_warp.kernels.modules import SCORE
 from maomaps_warp.kernels.ranges import launch_ranges
 
@@ -99,15 +99,6 @@ def _widen_in_layers_kernel(
         base += plane
 
 
-@wp.func
-def _spread(bits: wp.uint64) -> wp.int32:
-    """The lowest 8 bits, each as the lowest of four."""
-    x = wp.int32(bits & wp.uint64(255))
-    x = (x | (x << 12)) & 0x000F000F
-    x = (x | (x << 6)) & 0x03030303
-    return (x | (x << 3)) & 0x11111111
-
-
 @wp.kernel(module=SCORE)
 def _count_clearance_kernel(
     # In:
@@ -159,8 +150,8 @@ def _count_clearance_kernel(
             first = octets * (y + field.ny * x) + 8 * w
             for octet in range(wp.min(8, octets - 8 * w)):
                 shift = wp.uint64(8 * octet)
-                low = _spread(digit0[lane] >> shift) | (_spread(digit1[lane] >> shift) << 1)
-                high = _spread(digit2[lane] >> shift) | (_spread(digit3[lane] >> shift) << 1)
+                low = spread_bits(digit0[lane] >> shift) | (spread_bits(digit1[lane] >> shift) << 1)
+                high = spread_bits(digit2[lane] >> shift) | (spread_bits(digit3[lane] >> shift) << 1)
                 out_clearance[first + octet] = low | (high << 2)
         w += 1
         if w == field.words:

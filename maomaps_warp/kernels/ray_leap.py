@@ -21,7 +21,7 @@ def times(a: wp.float32, b: wp.float32) -> wp.float32:
 
 
 @wp.func
-def times(a: lanes_f, b: lanes_f) -> lanes_f:  # noqa: F811 (an overload)
+def times(a: lanes_f, b: lanes_f) -> lanes_f:
     return wp.cw_mul(a, b)
 
 
@@ -31,7 +31,7 @@ def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
 
 
 @wp.func
-def smaller(a: lanes_f, b: lanes_f) -> lanes_f:  # noqa: F811 (an overload)
+def smaller(a: lanes_f, b: lanes_f) -> lanes_f:
     c = lanes_f()
     for lane in range(LANES):
         c[lane] = wp.where(a[lane] < b[lane], a[lane], b[lane])
@@ -44,7 +44,7 @@ def larger(a: wp.float32, b: wp.float32) -> wp.float32:
 
 
 @wp.func
-def larger(a: lanes_f, b: lanes_f) -> lanes_f:  # noqa: F811 (an overload)
+def larger(a: lanes_f, b: lanes_f) -> lanes_f:
     c = lanes_f()
     for lane in range(LANES):
         c[lane] = wp.where(a[lane] > b[lane], a[lane], b[lane])
@@ -57,7 +57,7 @@ def where_not_above(a: wp.float32, b: wp.float32, then: wp.float32, other: wp.fl
 
 
 @wp.func
-def where_not_above(a: lanes_f, b: lanes_f, then: lanes_f, other: lanes_f) -> lanes_f:  # noqa: F811 (an overload)
+def where_not_above(a: lanes_f, b: lanes_f, then: lanes_f, other: lanes_f) -> lanes_f:
     c = lanes_f()
     for lane in range(LANES):
         c[lane] = wp.where(a[lane] <= b[lane], then[lane], other[lane])
@@ -70,7 +70,7 @@ def whole(a: wp.float32) -> wp.float32:
 
 
 @wp.func
-def whole(a: lanes_f) -> lanes_f:  # noqa: F811 (an overload)
+def whole(a: lanes_f) -> lanes_f:
     return lanes_f(lanes_i(a))
 
 
@@ -80,7 +80,7 @@ def ones(a: wp.float32) -> wp.float32:
 
 
 @wp.func
-def ones(a: lanes_f) -> lanes_f:  # noqa: F811 (an overload)
+def ones(a: lanes_f) -> lanes_f:
     return lanes_f(1.0)
 
 

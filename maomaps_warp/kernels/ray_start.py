@@ -24,7 +24,7 @@ def mirrored(o: wp.float32, d: wp.float32, largest: wp.float32, n: wp.int32):
 
 
 @wp.func
-def mirrored(o: lanes_f, d: lanes_f, largest: lanes_f, n: wp.int32):  # noqa: F811 (an overload)
+def mirrored(o: lanes_f, d: lanes_f, largest: lanes_f, n: wp.int32):
     up_d = larger(wp.abs(d), largest * _LEAST_SLOPE)
     up_o = lanes_f()
     for lane in range(16):

@@ -200,9 +200,7 @@ def cast_packet(
 
 
 @wp.func(inline=True)
-def cast_packet(  # noqa: F811 (an overload)
-    field: DistanceField, origin: wp.vec3, dx: lanes_f, dy: lanes_f, dz: lanes_f, active: lanes_f
-):
+def cast_packet(field: DistanceField, origin: wp.vec3, dx: lanes_f, dy: lanes_f, dz: lanes_f, active: lanes_f):
     """The same, with one origin for all rays."""
     x, y, z = cast_packet(field, lanes_f(origin[0]), lanes_f(origin[1]), lanes_f(origin[2]), dx, dy, dz, active)
     return x, y, z

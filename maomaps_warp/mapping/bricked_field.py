@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maomaps_warp.mapping.threads import thread_count
 from maomaps_warp.model.voxels import pack_keys, unpack_keys
+from maomaps_warp.threads import thread_count
 
 #: Bricks this far from an occupied one have cells within reach of its voxels.
 _NEAR = 2

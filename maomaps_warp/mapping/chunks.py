@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from maomaps_warp.mapping.threads import thread_count
+from maomaps_warp.threads import thread_count
 
 Result = TypeVar("Result")
 

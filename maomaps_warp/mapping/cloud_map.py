@@ -10,6 +10,10 @@ from maomaps_warp.model.voxels import KEY_BIAS, VoxelGrid, VoxelMap, pack_keys, 
 
 #: OctoMap's tree has 16 levels; the root's centre is the world's zero.
 OCTREE_LEVELS = 16
+#: Voxels. Points farther from the lattice than this are not on it; PCD's float32 moves them by less.
+LATTICE_TOLERANCE = 0.05
+#: Fewer points may have a common spacing by chance.
+LATTICE_POINTS = 100
 
 
 def check_extent(points: NDArray[np.float64], grid: VoxelGrid, source: str) -> None:
@@ -26,12 +30,31 @@ def check_extent(points: NDArray[np.float64], grid: VoxelGrid, source: str) -> N
     if max(max(column.max() - origin, origin - column.min()) for column, origin in columns) > limit:
         distance = np.abs(points - grid.origin).max(axis=1)
         worst = int(distance.argmax())
+        x, y, z = points[worst]
         raise InputError(
             source,
-            f"point {worst + 1} at {points[worst].tolist()} m is {distance[worst]:g} m away from the middle, "
+            f"point {worst + 1} at {x:g} {y:g} {z:g} m is {distance[worst]:g} m away from the middle, "
             f"more than the {limit:g} m that voxels of {grid.voxel_size} m reach",
             "remove outliers, align the maps, or raise --voxel-size",
         )
+
+
+def lattice_of(points: NDArray[np.float64], voxel_size: float) -> tuple[int, int]:
+    """How well points are centres of voxels on multiples of the voxel size.
+
+    Args:
+        points: (N, 3) float64, metres, N >= 1.
+        voxel_size: metres.
+
+    Returns:
+        How many lie off the lattice; and the greatest number of voxels that all points are multiples of apart: 1 unless
+        they lie on a coarser lattice.
+    """
+    steps = points / voxel_size
+    cells = np.rint(steps).astype(np.int64)
+    off = int((np.abs(steps - cells) > LATTICE_TOLERANCE).any(axis=1).sum())
+    stride = int(np.gcd.reduce(cells - cells[0], axis=None)) if len(points) >= LATTICE_POINTS else 1
+    return off, max(stride, 1)
 
 
 def voxelise(points: NDArray[np.float64], grid: VoxelGrid, colors: NDArray[np.uint8] | None = None) -> VoxelMap:

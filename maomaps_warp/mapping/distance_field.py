@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.mapping.bricked_field import fill_with_bricks
-from maomaps_warp.mapping.threads import thread_count
 from maomaps_warp.model.voxels import VoxelMap
+from maomaps_warp.threads import thread_count
 
 #: Bytes of a dense field at most, half a byte a cell; maps with a larger box get bricks.
 DENSE_BYTES = 256 << 20

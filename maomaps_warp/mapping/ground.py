@@ -50,7 +50,7 @@ class Ground:
     note: str = ""
 
 
-def ground_height(rule: str, option: str = "--ground") -> float | None:
+def ground_height(rule: str) -> float | None:
     """The height that a rule fixes, metres; None for a rule that looks at the map.
 
     Raises:
@@ -64,7 +64,7 @@ def ground_height(rule: str, option: str = "--ground") -> float | None:
         height = np.nan
     if not np.isfinite(height):
         hint = f"{', '.join(GROUND_RULES)}, or a height in metres"
-        raise InputError(f"{option} {rule}", "is no rule for the ground", hint)
+        raise InputError(f"--ground {rule}", "is no rule for the ground", hint)
     return height
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from maomaps_warp.mapping.brick_map import BrickMap
 from maomaps_warp.mapping.depth_samples import DepthLimits, sample_count
 from maomaps_warp.mapping.hash_map import HashMap
-from maomaps_warp.mapping.threads import thread_count
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap
 from maomaps_warp.protocol import Arithmetic, ColorMean
+from maomaps_warp.threads import thread_count
 
 __all__ = ["DepthLimits", "MapBuild", "build_voxel_map"]
 

@@ -8,9 +8,6 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-#: Correspondences handled at a time, to bound the memory of float64 temporaries.
-_CHUNK = 1 << 20
-
 
 class ElementClass(IntEnum):
     """The one class in which every predicted element ends."""
@@ -56,43 +53,17 @@ class Correspondences:
         by_class = {c.name.lower(): int(np.count_nonzero(self.classes == c)) for c in ElementClass}
         return {"total": len(self.classes), **by_class}
 
-    def est(self, rows: slice = slice(None)) -> NDArray[np.float64]:
-        """The estimate's points of the correspondences in `rows`, (m, 3) float64, metres, aligned world."""
-        return self.est_points[self.est_index[rows]]
+    def est(self) -> NDArray[np.float64]:
+        """The estimate's points of the correspondences, (M, 3) float64, metres, aligned world."""
+        return self.est_points[self.est_index]
 
-    def gt(self, rows: slice = slice(None)) -> NDArray[np.float64]:
-        """The ground truth's points of the correspondences in `rows`, (m, 3) float64, metres, world."""
-        return self.gt_points[self.gt_index[rows]]
+    def gt(self) -> NDArray[np.float64]:
+        """The ground truth's points of the correspondences, (M, 3) float64, metres, world."""
+        return self.gt_points[self.gt_index]
 
     def absolute_errors(self) -> NDArray[np.float64]:
-        """|m* - m| in the world, (M,) float64, metres: drift and reconstruction."""
-        errors = np.empty(len(self))
-        for rows in self._chunks():
-            errors[rows] = np.linalg.norm(self.est(rows) - self.gt(rows), axis=1)
-        return errors
-
-    def relative_errors(
-        self, T_world_camera_est: NDArray[np.float64], T_world_camera_gt: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """|T_est^-1 m* - T_gt^-1 m|: each point in its own camera's frame, so reconstruction without drift.
-
-        Args:
-            T_world_camera_est: (P, 4, 4) float64, the matched (aligned) poses that `pose` indexes.
-            T_world_camera_gt: (P, 4, 4) float64.
-
-        Returns:
-            (M,) float64, metres.
-        """
-        errors = np.empty(len(self))
-        for rows in self._chunks():
-            pose = self.pose[rows]
-            est = in_camera(T_world_camera_est[pose], self.est(rows))
-            gt = in_camera(T_world_camera_gt[pose], self.gt(rows))
-            errors[rows] = np.linalg.norm(est - gt, axis=1)
-        return errors
-
-    def _chunks(self) -> list[slice]:
-        return [slice(start, start + _CHUNK) for start in range(0, len(self), _CHUNK)]
+        """|m* - m| in the world, (M,) float64, metres; `scoring.pair_errors` has the relative ones too."""
+        return np.asarray(np.linalg.norm(self.est() - self.gt(), axis=1))
 
 
 def in_camera(T_world_camera: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,10 +29,10 @@ class OverlapFigures:
     """How much of a sample its runs share: seen by at least two runs over seen by any.
 
     Attributes:
-        known_iou: of known cells of the projections; None if there are none.
-        obstacle_iou: of obstacle cells of the projections; None if there are none.
-        voxel_iou: of voxels.
-        counts: what the three are made of.
+        known_iou: of the columns that the projections know, free or occupied; None if no map knows one.
+        obstacle_iou: of the occupied columns of the projections; None if there are none.
+        voxel_iou: of the voxels; None if all maps are empty.
+        counts: both numbers of each: known_common, known_any, obstacle_common, obstacle_any, voxel_common, voxel_any.
     """
 
     known_iou: float | None

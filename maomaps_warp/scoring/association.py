@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from maomaps_warp.mapping.chunks import each_in_order
 from maomaps_warp.mapping.distance_field import VoxelField
-from maomaps_warp.mapping.threads import thread_count
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.correspondences import Correspondences, ElementClass
 from maomaps_warp.protocol import PoseChoice
 from maomaps_warp.scoring.association_packets import PacketSearch
 from maomaps_warp.scoring.association_search import ElementSearch, Found
+from maomaps_warp.threads import thread_count
 
 if TYPE_CHECKING:
     from maomaps_warp.mapping.surface import SurfaceMesh

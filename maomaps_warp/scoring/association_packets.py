@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.mapping.distance_field import VoxelField
-from maomaps_warp.mapping.threads import thread_count
 from maomaps_warp.scoring.association_search import Found, found_of, pose_pairs, view_of
 from maomaps_warp.scoring.element_bricks import ElementBricks, sort_into_bricks
+from maomaps_warp.threads import thread_count
 
 if TYPE_CHECKING:
     from maomaps_warp.scoring.association import ViewRules

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maomaps_warp.mapping.cloud_map import check_extent, voxelise
+from maomaps_warp.mapping.cloud_map import check_extent, lattice_of, voxelise
 from maomaps_warp.model.merge_results import DoubledWalls, MergedMapScore
 from maomaps_warp.model.results import NoValue
 from maomaps_warp.model.statistics import Statistics
@@ -20,8 +20,6 @@ Points = NDArray[np.float64]
 
 #: Reason of what needs an overlap where there is none.
 NO_OVERLAP = "the ground-truth maps of the runs do not overlap"
-#: An element farther than this from the middle of its voxel is on another lattice, voxels.
-_OFF_LATTICE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +70,12 @@ def merged_ground_truth(points: Points, runs: Sequence[Points], voxel_size: floa
 
 def lattice_note(points: Points, voxel_size: float) -> str | None:
     """What is odd about a map whose voxels should be centred on multiples of `voxel_size` metres; None if nothing."""
-    scaled = points / voxel_size
-    cells = np.rint(scaled)
-    off = int((np.abs(scaled - cells) > _OFF_LATTICE).any(axis=1).sum())
+    off, stride = lattice_of(points, voxel_size)
     if off:
         return (
             f"{off} of {len(points)} elements of the merged ground truth do not lie on multiples of {voxel_size:g} m: "
             "overlap and doubled walls take their cells, see --voxel-size"
         )
-    stride = int(np.gcd.reduce((cells - cells[0]).astype(np.int64), axis=None))
     if stride > 1:
         return (
             f"the merged ground truth lies on multiples of {stride * voxel_size:g} m: overlap and doubled walls want "

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.mapping.chunks import each_in_order, slices
-from maomaps_warp.mapping.threads import thread_count
 from maomaps_warp.scoring.cell_search import search_cells
 from maomaps_warp.scoring.lattice_nearest import LatticeClouds, exchanged, find_lattice, near_squares, step_of
+from maomaps_warp.threads import thread_count
 
 #: Points of a leaf: fewer make the tree deep, more make leaves slow.
 _LEAF_POINTS = 8

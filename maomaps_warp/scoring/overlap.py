@@ -3,35 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.mapping.projection import Ground, projected_columns
+from maomaps_warp.model.dataset import OverlapFigures
 from maomaps_warp.model.occupancy import Cell
 from maomaps_warp.model.voxels import VoxelGrid, pack_keys
 
 
-@dataclass(frozen=True)
-class MapOverlap:
-    """Shares of what any map holds that at least two maps hold: for two maps the usual IoU.
-
-    Attributes:
-        known_iou: of the columns that the projections know, free or occupied; None if no map knows one.
-        obstacle_iou: of the occupied columns of the projections; None if there are none.
-        voxel_iou: of the voxels; None if all maps are empty.
-        counts: both numbers of each: known_common, known_any, obstacle_common, obstacle_any, voxel_common, voxel_any.
-    """
-
-    known_iou: float | None
-    obstacle_iou: float | None
-    voxel_iou: float | None
-    counts: dict[str, int]
-
-
-def map_overlap(maps: Sequence[NDArray[np.float64]], voxel_size: float, ground: Ground) -> MapOverlap:
+def map_overlap(maps: Sequence[NDArray[np.float64]], voxel_size: float, ground: Ground) -> OverlapFigures:
     """How much the maps overlap, by three measures; none of them asks whether free and occupied agree.
+
+    Each is the share of what any map holds that at least two maps hold: for two maps the usual IoU.
 
     Args:
         maps: voxel centres of each map, (N, 3) float64, metres, one world with z up, multiples of `voxel_size`; two
@@ -57,4 +42,4 @@ def map_overlap(maps: Sequence[NDArray[np.float64]], voxel_size: float, ground: 
         common, either = int(np.count_nonzero(times > 1)), len(times)
         counts |= {f"{name}_common": common, f"{name}_any": either}
         iou[name] = common / either if either else None
-    return MapOverlap(iou["known"], iou["obstacle"], iou["voxel"], counts)
+    return OverlapFigures(iou["known"], iou["obstacle"], iou["voxel"], counts)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from maomaps_warp.mapping.threads import thread_count
 from maomaps_warp.model.correspondences import Correspondences
+from maomaps_warp.threads import thread_count
 
 
 def pair_errors(

@@ -62,6 +62,7 @@ def write_text_input(flat: Flat, folder: Path) -> None:
 
 def _score(folder: Path, device: str, cache: Callable[[], Path]) -> Callable[[], dict[str, Any]]:
     report = folder / "score.json"
+    first: list[dict[str, Any]] = []
     command = [sys.executable, "-m", "maomaps_warp", "score", str(folder), "--json", str(report), "--device", device]
 
     def run() -> dict[str, Any]:
@@ -70,6 +71,9 @@ def _score(folder: Path, device: str, cache: Callable[[], Path]) -> Callable[[],
         if done.returncode:
             raise WrongResult(f"`score` ended with {done.returncode}: {done.stderr.strip()[-500:]}")
         metrics: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))["metrics"]
+        first.append(metrics)
+        if metrics != first[0]:
+            raise WrongResult("`score`: two processes gave different metrics")
         return metrics
 
     return run

@@ -69,9 +69,9 @@ class Flat:
     depth: NDArray[np.float32]
     colors: NDArray[np.uint8]
 
-    def stream(self, frames: int | None = None) -> FrameStream:
-        """The first `frames` frames (None: all) as a stream from memory."""
-        depth, colors = np.array(self.depth[:frames]), np.array(self.colors[:frames])
+    def stream(self) -> FrameStream:
+        """The frames as a stream from memory."""
+        depth, colors = np.array(self.depth), np.array(self.colors)
         kept = tuple(Frame(i, None, d, c) for i, (d, c) in enumerate(zip(depth, colors, strict=True)))
         return FrameStream(self.camera, len(kept), lambda with_colors: iter(kept), self.name)
 

@@ -77,7 +77,8 @@ class Ros1Storage:
         """Messages of `channels`, streamed in log-time order; compressed chunks are unpacked ahead, on all cores."""
         wanted = {channel.id for channel in channels}
         indexes = [self.reader.indexes[x.id] for x in self.reader.connections if x.id in wanted]
-        # The reader reads messages out of chunks that `decompressor` unpacks: here it finds them unpacked already.
+        # The reader reads messages out of chunks that `decompressor` unpacks: here it finds them unpacked already. It
+        # still reads the packed bytes itself, from the file's cache: that costs nothing beside unpacking them.
         with closing(ahead(self._unpacked, _compressed_chunks(self.reader.chunks, indexes))) as unpacked:
             own = copy.copy(self.reader)
             own.current_chunk = (-1, io.BytesIO())

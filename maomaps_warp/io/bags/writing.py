@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -11,6 +9,7 @@ from typing import Any
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags.making import BagKind, MessageMaker
 from maomaps_warp.io.bags.reading import recognise_bag
+from maomaps_warp.io.file_sets import write_file_set
 from maomaps_warp.io.outputs import check_writable
 
 __all__ = ["BagKind", "Entry", "MessageMaker", "bag_kind", "check_new_bag", "write_bag"]
@@ -68,30 +67,14 @@ def write_bag(path: Path, kind: BagKind, entries: Iterable[Entry], *, overwrite:
         InputError: something is at `path` already, or it cannot be written.
     """
     check_new_bag(path, overwrite=overwrite)
+    place = path.absolute()
     try:
-        # Beside the target, so that the last step is a rename on one file system.
-        work = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=path.absolute().parent))
-    except OSError as error:
-        raise InputError(
-            path, f"cannot be written: {error.strerror}", "choose a writable folder that exists"
-        ) from error
-    try:
-        (work / "new").mkdir()
-        new, former = work / "new" / path.name, work / "former"
-        _WRITERS[kind](new, entries)
-        is_aside = path.is_dir() or (path.exists() and new.is_dir())  # folders cannot be replaced in one step
-        if is_aside:
-            path.rename(former)
-        try:
-            new.replace(path)
-        except OSError:
-            if is_aside:
-                former.rename(path)
+        with write_file_set(place.parent, (place.name,), overwrite=overwrite) as work:
+            _WRITERS[kind](work / place.name, entries)
+    except InputError as error:
+        if error.where != str(place.parent):
             raise
-    except OSError as error:
-        raise InputError(path, f"cannot be written: {error.strerror}", "is the disk full?") from error
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+        raise InputError(path, error.found, error.hint) from error
 
 
 def _write_ros1(path: Path, entries: Iterable[Entry]) -> None:
