@@ -24,7 +24,7 @@ ALLOWED = {
     "report": {"model", "protocol", "map_protocol", "errors"},
     "mapping": {"kernels", "model", "protocol", "errors", "threads"},
     "scoring": {"mapping", "kernels", "model", "protocol", "errors", "threads"},
-    "sim": {"kernels", "io", "model", "protocol", "errors"},
+    "sim": {"kernels", "io", "model", "protocol", "errors", "threads"},
     "pipeline": {
         "map_building",
         "io",

@@ -39,7 +39,9 @@ def demo(
         from maomaps_warp.mapping.device import resolve_device
 
         with progress_clock() as clock:
-            files = make_demo(folder, frames=frames, seed=seed, device=resolve_device(device), clock=clock)
+            with clock.stage("start device"):
+                used = resolve_device(device, "score", "map", "render")  # all now, so that they compile side by side
+            files = make_demo(folder, frames=frames, seed=seed, device=used, clock=clock)
             out = console()
             for name, path in vars(files).items():
                 size = sum(f.stat().st_size for f in ([path] if path.is_file() else path.iterdir()))

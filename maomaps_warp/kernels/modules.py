@@ -26,6 +26,9 @@ MAP = "maomaps_warp.map"
 #: Reading large maps, on a CPU. Apart, because files are read before anything else is known to be needed.
 TEXT = "maomaps_warp.text"
 
+#: The demonstration's camera.
+RENDER = "maomaps_warp.render"
+
 #: The files of `maomaps_warp.kernels` with kernels in each module.
 FILES: dict[str, tuple[str, ...]] = {
     SCORE: (
@@ -44,10 +47,11 @@ FILES: dict[str, tuple[str, ...]] = {
         "voxel_bricks_export",
     ),
     TEXT: ("text_tables",),
+    RENDER: ("render",),
 }
 
 #: What each job launches on a CPU as a rule; Warp compiles the rest where it is launched after all.
-JOBS: dict[str, tuple[str, ...]] = {"score": (PACKETS, SCORE, TEXT), "map": (MAP,)}
+JOBS: dict[str, tuple[str, ...]] = {"score": (PACKETS, SCORE, TEXT), "map": (MAP,), "render": (RENDER,)}
 
 #: No gradients; no fused multiply-adds, so that vectors, scalars and other machines round alike; and LLVM's own limits,
 #: because Warp's lower one for superword vectors halves the speed of kernels on 16 lanes.

@@ -9,8 +9,8 @@ import math
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-
-wp.set_module_options({"enable_backward": False})
+from maomaps_warp.kernels.modules import RENDER
+from maomaps_warp.kernels.ranges import launch_ranges
 
 #: Depth of a pixel whose ray hits nothing, metres: depth images say "missing" so (elsewhere it is inf).
 NO_DEPTH = wp.constant(wp.float32(0.0))
@@ -23,6 +23,8 @@ _GRAIN_SIZE = wp.constant(wp.float32(0.023))
 _GRAIN_CONTRAST = wp.constant(wp.float32(0.045))
 #: How far behind the surface the texture is sampled, metres: a face between grains would flicker otherwise.
 _GRAIN_INSET = wp.constant(wp.float32(0.004))
+#: Least pixels of a range of a launch.
+_LEAST_PIXELS = 1024
 
 
 @wp.func
@@ -63,9 +65,10 @@ def shaded(albedo: wp.vec3ub, normal: wp.vec3f, direction: wp.vec3f, brightness:
     )
 
 
-@wp.kernel
+@wp.kernel(module=RENDER)
 def _render_kernel(
     # In:
+    start: wp.int32,
     mesh: wp.uint64,
     face_colors: wp.array(dtype=wp.vec3ub),
     T_world_camera: wp.transformf,
@@ -76,7 +79,9 @@ def _render_kernel(
     depth: wp.array2d(dtype=wp.float32),
     colors: wp.array2d(dtype=wp.vec3ub),
 ):
-    row, column = wp.tid()
+    task = start + wp.tid()
+    row = task // depth.shape[1]
+    column = task % depth.shape[1]
     origin = wp.transform_get_translation(T_world_camera)
     pixel = pixel_direction(wp.float32(column), wp.float32(row), focal[0], focal[1], center[0], center[1])
     direction = wp.transform_vector(T_world_camera, pixel)
@@ -105,6 +110,7 @@ def render_mesh(
     *,
     out_depth: wp.array | None = None,
     out_colors: wp.array | None = None,
+    threads: int = 1,
 ) -> tuple[wp.array, wp.array | None]:
     """Renders `mesh` as a pinhole camera sees it; runs on the mesh's device and stream, without a sync.
 
@@ -118,6 +124,7 @@ def render_mesh(
         max_depth: surfaces beyond it are not seen, metres along the optical axis.
         out_depth: (height, width) float32 to write into; allocated if None.
         out_colors: (height, width) vec3ub to write into; allocated if None and there are face colours.
+        threads: on a CPU.
 
     Returns:
         depth: (height, width) float32, metres along the optical axis; 0 where the ray hits nothing.
@@ -145,11 +152,13 @@ def render_mesh(
     if out_depth is None:
         out_depth = wp.empty(image, dtype=wp.float32, device=device)
     check_array("out_depth", out_depth, wp.float32, image, device)
-    wp.launch(
+    launch_ranges(
         _render_kernel,
-        dim=image,
+        width * height,
         inputs=[mesh.id, face_colors, T_world_camera, wp.vec2f(fx, fy), wp.vec2f(cx, cy), max_depth],
         outputs=[out_depth, out_colors],
         device=device,
+        threads=threads,
+        grain=_LEAST_PIXELS,
     )
     return out_depth, out_colors

@@ -12,8 +12,8 @@ from typing import Literal
 
 from maomaps_warp.errors import InputError
 
-#: Jobs with kernels of their own: comparing maps, and making them from depth images.
-Job = Literal["score", "map"]
+#: Jobs with kernels of their own: comparing maps, making them from depth images, rendering the demonstration.
+Job = Literal["score", "map", "render"]
 
 
 def resolve_device(name: str, *jobs: Job) -> str:

@@ -10,6 +10,7 @@ from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.scene import Scene
+from maomaps_warp.threads import thread_count
 
 
 def render_frames(
@@ -53,6 +54,7 @@ def render_frames(
                 camera.cx,
                 camera.cy,
                 max_depth,
+                threads=thread_count(device),
             )
             yield Frame(
                 index=index,
