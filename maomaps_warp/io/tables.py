@@ -188,8 +188,8 @@ def decode_text(path: Path, data: bytes) -> str:
         raise InputError(place(path, line), "is not UTF-8 text", "save it as UTF-8 text") from None
 
 
-def data_rows(text: str, first_line: int = 1) -> tuple[list[str], list[int]]:
-    """The lines of a text that hold data, stripped, without comments; and their line numbers."""
+def data_rows(text: str, first_line: int = 1, *, most: int | None = None) -> tuple[list[str], list[int]]:
+    """The lines of a text that hold data (the first `most` of them), stripped, without comments; and their numbers."""
     rows: list[str] = []
     lines: list[int] = []
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), first_line):
@@ -197,6 +197,8 @@ def data_rows(text: str, first_line: int = 1) -> tuple[list[str], list[int]]:
         if row and row[0] != "%" and not row.startswith("//"):
             rows.append(row)
             lines.append(number)
+            if len(rows) == most:
+                break
     return rows, lines
 
 
@@ -219,7 +221,7 @@ def column_count(head: bytes) -> tuple[int, bool] | None:
     text = head.decode("utf-8-sig", errors="replace")
     if len(head) >= HEAD_BYTES:
         text = text[: max(text.rfind("\n"), text.rfind("\r")) + 1]  # the last line may be cut off
-    rows = data_rows(text)[0][:HEAD_ROWS]
+    rows = data_rows(text, most=HEAD_ROWS)[0]
     cells = [row.translate(_SEPARATORS).split() for row in rows]
     if not cells or len({len(row) for row in cells}) > 1 or not all(_is_number(cell) for row in cells for cell in row):
         return None

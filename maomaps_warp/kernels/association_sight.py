@@ -72,25 +72,16 @@ def floats_of(mask: lanes_i) -> lanes_f:
 
 
 @wp.func(inline=True)
-def load_packet(bricks: Bricks, first: wp.int32, last: wp.int32):
-    """The elements at places first to first + 15; lanes beyond `last` repeat it and are not filled.
-
-    Returns:
-        Coordinates x, y, z (metres), elements, and which lanes are filled.
-    """
+def load_packet(bricks: Bricks, places: lanes_i):
+    """Coordinates x, y, z (metres) of the elements at some places."""
     x = lanes_f()
     y = lanes_f()
     z = lanes_f()
-    elements = lanes_i()
-    filled = lanes_i()
     for k in range(16):
-        place = wp.min(first + k, last)
-        x[k] = bricks.x[place]
-        y[k] = bricks.y[place]
-        z[k] = bricks.z[place]
-        elements[k] = bricks.element[place]
-        filled[k] = wp.where(first + k <= last, 1, 0)
-    return x, y, z, elements, filled
+        x[k] = bricks.x[places[k]]
+        y[k] = bricks.y[places[k]]
+        z[k] = bricks.z[places[k]]
+    return x, y, z
 
 
 @wp.func(inline=False)
