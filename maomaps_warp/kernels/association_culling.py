@@ -12,9 +12,10 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import View, flag
+from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.voxel_rays import lanes_f, lanes_i
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+wp.set_module_options(OPTIONS)
 
 LANES = wp.constant(16)
 #: Distances into which poses are sorted; the last bin holds all that are further away.

@@ -7,9 +7,10 @@ from typing import Any
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
+from maomaps_warp.kernels.modules import OPTIONS
 
 # No fused multiply-adds: CPU and CUDA, lanes and scalars must agree on the rays that pass an edge.
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+wp.set_module_options(OPTIONS)
 
 NO_POSE = wp.constant(-1)
 # What became of an element, by pose or over all of them.

@@ -14,10 +14,11 @@ import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, spread_bits
+from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.voxel_hash import find_slot, pack_key
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+wp.set_module_options(OPTIONS)
 
 words8 = wp.types.vector(length=8, dtype=wp.uint64)
 

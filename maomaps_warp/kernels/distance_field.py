@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import warp as wp
 
+from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.voxel_hash import find_slot, pack_key
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+wp.set_module_options(OPTIONS)
 
 #: Distances are counted up to here: further away says no more than "at least so far".
 MAX_CLEARANCE = wp.constant(15)

@@ -6,7 +6,9 @@ from typing import Any
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+from maomaps_warp.kernels.modules import OPTIONS
+
+wp.set_module_options(OPTIONS)
 
 LANES = wp.constant(16)
 #: One number for each ray of a packet.

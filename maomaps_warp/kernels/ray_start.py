@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import warp as wp
 
+from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ray_leap import lanes_f, larger, smaller, whole
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+wp.set_module_options(OPTIONS)
 
 #: Of a direction's largest component: anything smaller counts as this much, so that its inverse is finite.
 _LEAST_SLOPE = wp.constant(wp.float32(1.0e-12))

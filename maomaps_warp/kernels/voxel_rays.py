@@ -22,12 +22,13 @@ import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.distance_field import DistanceField, clearance_at, ray_origin, voxel_at
+from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, larger, leap
 from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_within, mirrored, unmirrored
 
 # Loops over lanes are left to LLVM, see `modules`.
-wp.set_module_options({"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"})
+wp.set_module_options(OPTIONS)
 wp.set_module_options({"max_unroll": 1})
 
 _ALL_BUT_SIGN = wp.constant(0x7FFFFFFF)
