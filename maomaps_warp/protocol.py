@@ -67,7 +67,7 @@ def check_camera(text: str) -> None:
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a run is scored. Each field carries its unit, meaning and source in its metadata; see `describe`."""
+    """How a run is scored. Each field carries its unit, meaning and source in its metadata; see `explain`."""
 
     name: str = constant("maomaps", "", "name of the protocol", "")
     voxel_size: float = constant(0.05, "m", "edge of a voxel of both maps", "paper, section III-A: discretisation step")

@@ -33,7 +33,10 @@ FULL, QUICK = Repeats(most=9, least=3, budget_s=30.0), Repeats(most=3, least=2, 
 
 
 def main() -> None:
-    options = _parser().parse_args()
+    parser = _parser()
+    options = parser.parse_args()
+    if options.growth and (options.gate or options.write_baseline or options.only):
+        parser.error("--growth takes neither --gate nor --write-baseline nor --only: curves have no goals")
     flat = options.flat or ("small" if options.quick else "big" if options.growth else "apt")
     repeats = QUICK if options.quick or options.growth else FULL
     setting = Setting(flat, options.scenes, options.device, options.threads, repeats, long=not options.quick)
@@ -71,7 +74,10 @@ def _works(setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
     if options.write_baseline and not failed:
         facts = {"machine": machine.machine(), "versions": machine.versions()}
         # Ratios of another machine, or against other peers, are no part of this baseline.
-        older = baseline["ratios"] if {key: baseline.get(key) for key in facts} == facts else {}
+        is_same = {key: baseline.get(key) for key in facts} == facts
+        if baseline["ratios"] and not is_same:
+            print("the baseline was of another machine or other versions: begun anew", file=sys.stderr)
+        older = baseline["ratios"] if is_same else {}
         kept = older | gate.ratios(rows)
         BASELINE.write_text(json.dumps(facts | {"ratios": dict(sorted(kept.items()))}, indent=2) + "\n", "utf-8")
     return {"rows": [to_json(row) for row in rows], "skipped": [asdict(entry) for entry in skipped], "failed": failed}

@@ -96,7 +96,7 @@ def _recording(frames: int) -> tuple[Any, Any]:
     scene = furnished_flat(0)
     way = drive(scene, frames=ROUND, seed=0)
     camera = Camera.from_fov(*IMAGE_SIZE, 90.0)
-    kept = tuple(render_frames(scene, camera, way).read(True))
+    kept = tuple(render_frames(scene.world, camera, way).read(True))
     stamps = (1 + np.arange(frames, dtype=np.int64)) * FRAME_INTERVAL_NS
 
     def read(with_colors: bool) -> Iterator[Frame]:

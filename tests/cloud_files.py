@@ -30,7 +30,7 @@ def error_of(path, **options):
 
 
 def assert_cloud(cloud, colors=None):
-    np.testing.assert_allclose(cloud.points, POINTS, atol=FLOAT32_TOLERANCE)
+    np.testing.assert_allclose(cloud.points, POINTS, rtol=0, atol=FLOAT32_TOLERANCE)
     assert (cloud.colors is None) == (colors is None)
     if colors is not None:
         assert cloud.colors.dtype == np.uint8

@@ -57,7 +57,7 @@ def recorded_drive() -> Drive:
     """Thirty frames of a drive through a flat."""
     scene = furnished_flat(1)
     path = drive(scene, frames=240, seed=1).select(np.arange(0, 120, 4))
-    frames = list(render_frames(scene, CAMERA, path, "cpu").read(True))
+    frames = list(render_frames(scene.world, CAMERA, path, "cpu").read(True))
     stamps = path.stamps_ns.tolist()
     return Drive(
         {t: frame.depth for t, frame in zip(stamps, frames, strict=True)},

@@ -53,7 +53,7 @@ def test_a_wall_too_far_by_ten_centimetres_has_that_error_along_the_ray(build):
     T = _poses(camera_pose((0, 0, 0), 0.0))
     c = _run([[2.1, 0, 0]], gt, T, T, build)
     assert c.counts == {"total": 1, "associated": 1, "out_of_view": 0, "occluded": 0, "no_ground_truth": 0}
-    np.testing.assert_allclose(c.absolute_errors(), 0.1, atol=1e-12)
+    np.testing.assert_allclose(c.absolute_errors(), 0.1, rtol=0, atol=1e-12)
     assert len(_run(est, gt, T, T, build)) == len(est)
 
 
@@ -62,12 +62,12 @@ def test_the_transferred_ray_starts_from_the_ground_truth_pose(build):
     T_gt, T_est = camera_pose((0, 0, 0), 0.0), camera_pose((5, 5, 0), np.pi / 2)
     est = [[5.0, 6.7, 0.0]]
     c = _run(est, wall(2.0, (-1, 1), (-0.5, 0.5)), _poses(T_est), _poses(T_gt), build)
-    np.testing.assert_allclose(c.gt(), [[2.0, 0, 0]], atol=1e-12)
-    np.testing.assert_allclose(c.est(), est, atol=1e-12)
+    np.testing.assert_allclose(c.gt(), [[2.0, 0, 0]], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(c.est(), est, rtol=0, atol=1e-12)
     absolute, relative = pair_errors(c, _poses(T_est), _poses(T_gt))
-    np.testing.assert_allclose(relative, 0.3, atol=1e-9)
-    np.testing.assert_allclose(absolute, np.linalg.norm([3.0, 6.7, 0.0]), atol=1e-9)
-    np.testing.assert_allclose(c.absolute_errors(), absolute, atol=1e-12)
+    np.testing.assert_allclose(relative, 0.3, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(absolute, np.linalg.norm([3.0, 6.7, 0.0]), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(c.absolute_errors(), absolute, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("choice", ["nearest", "first", "last", "all"])
@@ -86,8 +86,8 @@ def test_the_element_itself_is_the_estimate_when_the_protocol_says_so(build):
     gt = [[1.0, 0, 0]]
     seen = _run(est, gt, T, T, build, first=True)
     printed = _run(est, gt, T, T, build, first=False)
-    np.testing.assert_allclose(seen.absolute_errors(), [0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(printed.absolute_errors(), [0.0, 0.2], atol=1e-12)
+    np.testing.assert_allclose(seen.absolute_errors(), [0.0, 0.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(printed.absolute_errors(), [0.0, 0.2], rtol=0, atol=1e-12)
 
 
 def test_every_element_ends_in_exactly_one_class(build):
@@ -194,7 +194,7 @@ def test_camera_coordinates_are_those_of_the_inverse_rotation(device):
     offsets = wp.array(offset.astype(np.float32), dtype=wp.vec3, device=device)
     wp.launch(_to_camera, dim=200, inputs=[R, offsets], outputs=[out], device=device)
     # 5 m times a few roundings of float32.
-    np.testing.assert_allclose(out.numpy(), rotation.inv().apply(offset), atol=5e-6)
+    np.testing.assert_allclose(out.numpy(), rotation.inv().apply(offset), rtol=0, atol=5e-6)
 
 
 def test_no_poses_leave_every_element_out_of_view(build):
@@ -235,8 +235,8 @@ def test_a_cluttered_room_agrees_with_the_twin(build, choice):
         if kind == "associated":
             row = row_of[i]
             assert c.pose[row] == pose
-            np.testing.assert_allclose(c.est()[row], np.array(est_cell) * VOXEL, atol=1e-9)
-            np.testing.assert_allclose(c.gt()[row], np.array(gt_cell) * VOXEL, atol=1e-9)
+            np.testing.assert_allclose(c.est()[row], np.array(est_cell) * VOXEL, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(c.gt()[row], np.array(gt_cell) * VOXEL, rtol=0, atol=1e-9)
     assert compared > 200
 
 

@@ -93,6 +93,23 @@ def test_the_gate_is_open_for_what_reaches_its_goal_and_the_baseline() -> None:
     assert gate.failures([row(theirs=(10.0,))], {row().key: 10.0}) == []
 
 
+def test_the_gate_is_open_for_the_baseline_itself_and_shut_for_nothing() -> None:
+    baseline = json.loads((Path(gate.__file__).parent / "baseline.json").read_text())["ratios"]
+    rows = []
+    for key, ratio in baseline.items():
+        device, flat, threads, work, peer = key.split("/")
+        rows.append(replace(row(work, theirs=(ratio,)), device=device, flat=flat, threads=int(threads), peer=peer))
+    assert [r.key for r in rows] == list(baseline) and len(rows) > 20
+    assert gate.failures(rows, baseline) == []
+    for nothing in ([], [row(theirs=())]):
+        (reason,) = gate.failures(nothing, baseline)
+        assert "could be judged" in reason
+
+
+def test_a_goal_that_the_baseline_misses_keeps_no_gate_shut() -> None:
+    assert gate.failures([row(theirs=(2.0,))], {row().key: 2.5}) == []
+
+
 def test_the_gate_shuts_below_the_goal() -> None:
     (reason,) = gate.failures([row(theirs=(2.9,))], {})
     assert "goal of 3x" in reason

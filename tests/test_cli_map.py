@@ -104,7 +104,7 @@ def test_options_change_the_protocol_that_the_result_states(bag, tmp_path):
     assert {name: protocol[name] for name in expected} == expected
     points = np.loadtxt(tmp_path / "out/gt_points_first.txt")
     assert points[:, 2].max() <= 1.5
-    np.testing.assert_allclose(points / 0.1, np.rint(points / 0.1), atol=1e-9)
+    np.testing.assert_allclose(points / 0.1, np.rint(points / 0.1), rtol=0, atol=1e-9)
     assert outcome.document["counts"]["ceiling_removed"] > 0
 
 

@@ -74,14 +74,14 @@ def test_start_poses_give_exact_transforms_and_the_union_with_colours(case, tmp_
     written = read_transforms(out / "transforms.txt").T_merged_source
     clouds = [read_cloud(path) for path in paths]
     for T, wanted in zip(written, expected, strict=True):
-        np.testing.assert_allclose(T, wanted, atol=1e-12)
+        np.testing.assert_allclose(T, wanted, rtol=0, atol=1e-12)
     merged = read_cloud(out / "merged.pcd")
     points = np.concatenate([c.points @ T[:3, :3].T + T[:3, 3] for c, T in zip(clouds, expected, strict=True)])
-    np.testing.assert_allclose(merged.points, points, atol=FLOAT32_ROUNDING)
+    np.testing.assert_allclose(merged.points, points, rtol=0, atol=FLOAT32_ROUNDING)
     np.testing.assert_array_equal(merged.colors, np.concatenate([cloud.colors for cloud in clouds]))
     content = json.loads(document.read_text())
     assert content["method"] == "start-poses" and [s["confidence"] for s in content["sources"]] == [None] * 3
-    np.testing.assert_allclose(content["sources"][2]["T_merged_source"], expected[2], atol=1e-12)
+    np.testing.assert_allclose(content["sources"][2]["T_merged_source"], expected[2], rtol=0, atol=1e-12)
     assert sorted(path.name for path in out.iterdir()) == ["merged.pcd", "transforms.txt"]
 
 
@@ -91,7 +91,7 @@ def test_a_yaw_correction_turns_the_second_source_about_the_first(case, tmp_path
     assert run(*words, "-o", tmp_path / "out").exit_code == 0
     first, second = (pose((math.degrees(h - 0.45), 0, 0), (x, y, z)) for x, y, z, h in STARTS[:2])
     T = read_transforms(tmp_path / "out" / "transforms.txt").T_merged_source[1]
-    np.testing.assert_allclose(T, np.linalg.inv(first) @ second, atol=1e-12)
+    np.testing.assert_allclose(T, np.linalg.inv(first) @ second, rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -189,15 +189,35 @@ def test_no_name_of_a_folder_stands_in_the_way_of_its_replacement(tmp_path: Path
 
 def test_a_bag_comes_back_if_the_new_one_cannot_take_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_bag(tmp_path / "map", "ros2", entries("ros2", 1))
+    rename, failed = Path.rename, []
 
-    def fail(_self: Path, _target: Path) -> Path:
-        raise OSError(5, "Input/output error")
+    def fail(self: Path, target: Path) -> Path:
+        if self.parent.suffix == ".part":
+            failed.append(self)
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
 
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(InputError, match="Input/output error"):
+    monkeypatch.setattr(Path, "rename", fail)
+    with pytest.raises(InputError, match="map: cannot be written: Input/output error"):
         write_bag(tmp_path / "map", "ros2", entries("ros2", 2), overwrite=True)
+    assert len(failed) == 1
     assert len(read_back(tmp_path / "map", "ros2")["/map"]) == 1
     assert [entry.name for entry in tmp_path.iterdir()] == ["map"]
+
+
+def test_a_link_is_followed_and_stays(tmp_path: Path) -> None:
+    write_bag(tmp_path / "real.bag", "ros1", entries("ros1", 1))
+    (tmp_path / "link.bag").symlink_to(tmp_path / "real.bag")
+    write_bag(tmp_path / "link.bag", "ros1", entries("ros1", 2), overwrite=True)
+    assert (tmp_path / "link.bag").is_symlink()
+    assert len(read_back(tmp_path / "real.bag", "ros1")["/map"]) == 2
+
+
+@every_kind
+def test_a_bag_without_messages_is_refused(tmp_path: Path, kind: BagKind) -> None:
+    with pytest.raises(ValueError, match="at least one message"):
+        write_bag(tmp_path / NAMES[kind], kind, [])
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_is_no_bag_is_never_replaced(tmp_path: Path) -> None:

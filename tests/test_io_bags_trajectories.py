@@ -42,16 +42,16 @@ def test_odometry_of_a_body_is_turned_into_the_optical_frame_and_noted(tmp_path:
     found = bag_trajectory(body)
     # The camera's right is world x, its down is world -z, its forward is world y.
     expected = [[1, 0, 0, 1], [0, 0, 1, 2], [0, -1, 0, 3], [0, 0, 0, 1]]
-    np.testing.assert_allclose(found.T_world_camera[0], expected, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(found.T_world_camera[0], expected, rtol=0, atol=ROTATION_TOLERANCE)
     assert "'base_link'" in found.notes[0] and found.frame_id == "odom"
 
     left_alone = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
     optical = odometry_bag("optical.bag", "camera_color_optical_frame")
     for found in (bag_trajectory(optical), bag_trajectory(body, pose_frame="optical")):
-        np.testing.assert_allclose(found.T_world_camera[0], left_alone, atol=ROTATION_TOLERANCE)
+        np.testing.assert_allclose(found.T_world_camera[0], left_alone, rtol=0, atol=ROTATION_TOLERANCE)
         assert found.notes == ()
     found = bag_trajectory(optical, pose_frame="body")
-    np.testing.assert_allclose(found.T_world_camera[0], expected, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(found.T_world_camera[0], expected, rtol=0, atol=ROTATION_TOLERANCE)
 
 
 def test_of_a_path_the_last_message_with_poses_is_read(tmp_path: Path) -> None:

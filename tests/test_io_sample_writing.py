@@ -11,6 +11,7 @@ from scenes import camera_pose, cluttered_room
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.clouds import read_cloud
+from maomaps_warp.io.file_sets import write_file_set
 from maomaps_warp.io.sample_directories import RUN_NAMES, read_sample, runs_of
 from maomaps_warp.io.sample_writing import (
     SamplePlace,
@@ -199,6 +200,31 @@ def test_when_a_file_cannot_take_its_place_all_former_files_come_back(
     with pytest.raises((InputError, KeyboardInterrupt), match="No space left on device|^$"):
         write_run(tmp_path, "first", _map(2), _trajectory(3), overwrite=True)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_what_can_come_back_does_though_another_file_cannot(tmp_path: Path, monkeypatch) -> None:
+    write_run(tmp_path, "first", _map(1), _trajectory())
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    rename = Path.rename
+
+    def failing(self: Path, target: Path) -> Path:
+        if self.name == "gt_poses_first.txt" and self.parent.suffix in (".part", ".former"):
+            raise OSError(28, "No space left on device")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(InputError, match=r"No space left on device \(not all that stood there.*\.former"):
+        write_run(tmp_path, "first", _map(2), _trajectory(3), overwrite=True)
+    (former,) = tmp_path.glob(".*.former")
+    assert [path.name for path in former.iterdir()] == ["gt_poses_first.txt"]
+    kept = {path.name: path.read_bytes() for path in [*tmp_path.iterdir(), *former.iterdir()] if path.is_file()}
+    assert kept == before
+
+
+def test_new_parents_go_again_and_errors_of_other_files_are_their_own(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="elsewhere"), write_file_set(tmp_path / "a" / "b" / "c", ["x"]):
+        (tmp_path / "elsewhere").read_bytes()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_failure_while_writing_leaves_no_folder_and_names_no_hidden_one(tmp_path: Path, monkeypatch) -> None:

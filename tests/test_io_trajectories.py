@@ -56,14 +56,14 @@ def test_tum_quaternions_are_xyzw(tmp_path):
     half = math.sqrt(0.5)
     run = read_trajectory(written(tmp_path, f"0 1 2 3 0 0 {half!r} {half!r}\n"))
     quarter_turn_about_z = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
-    np.testing.assert_allclose(run.T_world_camera, [quarter_turn_about_z], atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(run.T_world_camera, [quarter_turn_about_z], rtol=0, atol=ROTATION_TOLERANCE)
 
 
 def test_euroc_quaternions_come_w_first_and_further_columns_are_ignored(tmp_path):
     run = read_trajectory(written(tmp_path, EUROC, "data.csv"))
     assert run.stamps_ns.tolist() == [1403715524907143168, 1403715524912143104]
     half_turn_about_x = np.diag([1.0, -1.0, -1.0])
-    np.testing.assert_allclose(run.T_world_camera[1, :3, :3], half_turn_about_x, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(run.T_world_camera[1, :3, :3], half_turn_about_x, rtol=0, atol=ROTATION_TOLERANCE)
     longer = EUROC.replace(",1,0,0,0\n", ",1,0,0,0,9,9\n").replace(",0,1,0,0\n", ",0,1,0,0,9,9\n")
     again = read_trajectory(written(tmp_path, longer, "longer.csv"))
     assert (again.T_world_camera == run.T_world_camera).all()
@@ -77,7 +77,7 @@ def test_kitti_matrices_are_row_major_and_take_the_times_beside_them(tmp_path):
     run = read_trajectory(path)
     assert run.stamps_ns.tolist() == [100_000_000, 207_338_100]
     expected = [[0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]]
-    np.testing.assert_allclose(run.T_world_camera[0], expected, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(run.T_world_camera[0], expected, rtol=0, atol=ROTATION_TOLERANCE)
 
 
 def test_a_common_kitti_times_file_counts_only_if_it_is_as_long(tmp_path):
@@ -94,8 +94,8 @@ def test_kitti_rotations_of_few_digits_become_exact_rotations(tmp_path):
     exact = matrices_from_rpy(np.array([0.3]), np.array([-0.7]), np.array([2.1]))[0]
     row = " ".join(f"{v:.6e}" for v in np.column_stack([exact, [1, 2, 3]]).ravel())
     R = read_trajectory(written(tmp_path, row)).T_world_camera[0, :3, :3]
-    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=ROTATION_TOLERANCE)
-    np.testing.assert_allclose(R, exact, atol=1e-6)  # dimensionless: the text has six decimals
+    np.testing.assert_allclose(R.T @ R, np.eye(3), rtol=0, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(R, exact, rtol=0, atol=1e-6)  # dimensionless: the text has six decimals
 
 
 def test_maomaps_poses_are_of_the_body_and_become_optical(tmp_path):
@@ -107,9 +107,9 @@ def test_maomaps_poses_are_of_the_body_and_become_optical(tmp_path):
         run.T_world_camera[0, :3, 0],
         run.T_world_camera[0, :3, 1],
     )
-    np.testing.assert_allclose(looks, [0, 1, 0], atol=ROTATION_TOLERANCE)
-    np.testing.assert_allclose(right, [1, 0, 0], atol=ROTATION_TOLERANCE)
-    np.testing.assert_allclose(down, [0, 0, -1], atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(looks, [0, 1, 0], rtol=0, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(right, [1, 0, 0], rtol=0, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(down, [0, 0, -1], rtol=0, atol=ROTATION_TOLERANCE)
     assert run.positions.tolist() == [[1, 2, 3]]
 
 
@@ -141,14 +141,14 @@ def test_roll_pitch_yaw_multiply_in_the_documented_order():
     Rz = [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]
     expected = np.array(Rz) @ np.array(Ry) @ np.array(Rx)
     found = matrices_from_rpy(np.array([roll]), np.array([pitch]), np.array([yaw]))[0]
-    np.testing.assert_allclose(found, expected, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=ROTATION_TOLERANCE)
 
 
 @given(st.floats(-4, 4), st.sampled_from([-math.pi / 2, math.pi / 2, 1.5707963, 0.0, 1.2]), st.floats(-4, 4))
 def test_angles_give_their_rotation_back_even_looking_straight_up(roll, pitch, yaw):
     R = matrices_from_rpy(np.array([roll]), np.array([pitch]), np.array([yaw]))
     again = matrices_from_rpy(*rpy_from_matrices(R).T)
-    np.testing.assert_allclose(again, R, atol=ANGLE_TOLERANCE)
+    np.testing.assert_allclose(again, R, rtol=0, atol=ANGLE_TOLERANCE)
 
 
 def a_trajectory(seed=0, count=20, stamps=True):
@@ -166,7 +166,7 @@ def test_a_written_tum_file_gives_the_trajectory_back(tmp_path):
     again = read_trajectory(tmp_path / "run.txt")
     assert (again.stamps_ns == run.stamps_ns).all()
     assert (again.positions == run.positions).all()
-    np.testing.assert_allclose(again.T_world_camera, run.T_world_camera, atol=ROTATION_TOLERANCE)
+    np.testing.assert_allclose(again.T_world_camera, run.T_world_camera, rtol=0, atol=ROTATION_TOLERANCE)
     assert (tmp_path / "run.txt").read_text().splitlines()[1].startswith("1403715529.112143517 ")
 
 
@@ -186,7 +186,7 @@ def test_written_maomaps_poses_give_the_trajectory_back(tmp_path, stamps):
     run = a_trajectory(stamps=stamps)
     write_maomaps_poses(tmp_path / "gt_poses.txt", run)
     again = read_trajectory(tmp_path / "gt_poses.txt")
-    np.testing.assert_allclose(again.T_world_camera, run.T_world_camera, atol=ANGLE_TOLERANCE)
+    np.testing.assert_allclose(again.T_world_camera, run.T_world_camera, rtol=0, atol=ANGLE_TOLERANCE)
     assert (again.positions == run.positions).all()
     assert (tmp_path / "gt_poses_timestamps.txt").exists() == stamps
     if stamps:
@@ -270,4 +270,4 @@ def test_poses_of_the_original_program_agree_with_the_tum_file_they_were_made_fr
     assert len(body) == 100
     assert body.stamps_ns is None
     # Metres, and rotation entries: the originals' angles have nine digits.
-    np.testing.assert_allclose(body.T_world_camera, tum.T_world_camera[nearest], atol=2e-8)
+    np.testing.assert_allclose(body.T_world_camera, tum.T_world_camera[nearest], rtol=0, atol=2e-8)

@@ -16,8 +16,8 @@ def test_a_shift_by_one_voxel_is_measured_both_ways(device):
     gt = np.array([[0.05 * i, 0, 0] for i in range(10)])
     est = gt + [0, 0, 0.05]
     accuracy, completeness = distances_both_ways(est, gt, device)
-    np.testing.assert_allclose(accuracy, 0.05, atol=1e-12)
-    np.testing.assert_allclose(completeness, 0.05, atol=1e-12)
+    np.testing.assert_allclose(accuracy, 0.05, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(completeness, 0.05, rtol=0, atol=1e-12)
 
 
 def test_a_missing_half_shows_in_the_completeness_alone(device):

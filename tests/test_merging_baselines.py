@@ -51,9 +51,9 @@ def room_of(seed, name):
 def test_start_poses_place_each_source_as_its_run_began():
     T_world = [pose((30.0, 0.0, 0.0), (1.0, 2.0, 0.5)), TILTED, PLANAR]
     placements = place_by_start_poses(T_world)
-    np.testing.assert_allclose(placements[0].T_merged_source, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(placements[0].T_merged_source, np.eye(4), rtol=0, atol=1e-12)
     for T, placement in zip(T_world, placements, strict=True):
-        np.testing.assert_allclose(T_world[0] @ placement.T_merged_source, T, atol=1e-12)
+        np.testing.assert_allclose(T_world[0] @ placement.T_merged_source, T, rtol=0, atol=1e-12)
         assert placement.confidence is None
 
 

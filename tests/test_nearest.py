@@ -17,7 +17,7 @@ FLOAT64 = 1e-15
 def _check(queries, points, device):
     index, distance = nearest_neighbours(queries, points, device)
     largest = np.abs(np.concatenate([queries, points])).max()
-    np.testing.assert_allclose(distance, nearest_distances(queries, points), atol=FLOAT64 * (1 + largest))
+    np.testing.assert_allclose(distance, nearest_distances(queries, points), rtol=0, atol=FLOAT64 * (1 + largest))
     np.testing.assert_allclose(distance, np.linalg.norm(queries - points[index], axis=1))
 
 

@@ -79,7 +79,7 @@ def test_the_projection_is_that_of_a_loop_over_the_columns(shift):
 def test_cells_are_centred_on_multiples_of_the_voxel_size():
     grid = project(np.array([[1.0, -2.0, 0.0], [1.5, -1.0, 0.0]]), V, Ground(0.0, True, "given"))
     assert grid.origin == pytest.approx((0.975, -2.025, 0.0), abs=1e-12)
-    np.testing.assert_allclose(grid.centers(grid.cells == Cell.FREE), [[1.0, -2.0], [1.5, -1.0]], atol=1e-12)
+    np.testing.assert_allclose(grid.centers(grid.cells == Cell.FREE), [[1.0, -2.0], [1.5, -1.0]], rtol=0, atol=1e-12)
 
 
 def test_heights_at_the_limits_belong_where_the_rule_says():

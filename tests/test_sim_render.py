@@ -8,7 +8,8 @@ import trimesh
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from maomaps_warp.kernels.render import render_mesh
+from maomaps_warp.kernels.appearance import create_appearance
+from maomaps_warp.kernels.render import MeshScene, render_scene, view_from
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.render import in_memory, render_frames
@@ -43,12 +44,22 @@ def mesh_of(boxes: list[np.ndarray], device: str) -> wp.Mesh:
     )
 
 
-def render(mesh: wp.Mesh, pose: np.ndarray, colors: wp.array | None = None, **options: object) -> tuple:
-    quaternion_xyzw = Rotation.from_matrix(pose[:3, :3]).as_quat()
+def render(mesh: wp.Mesh, pose: np.ndarray, colors: np.ndarray | None = None, **options: object) -> tuple:
+    """Depth and colours of a mesh whose faces have one colour each."""
+    faces, device = mesh.indices.size // 3, mesh.device
+    look = None
+    if colors is not None:
+        look = create_appearance([c.reshape(1, 1, 3) for c in colors], np.arange(len(colors)), device=device)
+    both = wp.ones(faces, dtype=wp.uint8, device=device)
+    scene = MeshScene(mesh, look, both, wp.zeros(faces, dtype=wp.int32, device=device))
+    images = render_scene(scene, view_at(pose, options.pop("max_depth", 20.0)), CAMERA.height, **options)
+    return images.depth, images.colors
+
+
+def view_at(pose: np.ndarray, max_depth: float = 20.0) -> object:
     c = CAMERA
-    transform = wp.transformf(wp.vec3f(*pose[:3, 3]), wp.quatf(*quaternion_xyzw))
-    max_depth = options.pop("max_depth", 20.0)
-    return render_mesh(mesh, colors, transform, c.width, c.height, c.fx, c.fy, c.cx, c.cy, max_depth, **options)
+    transform = wp.transformf(wp.vec3f(*pose[:3, 3]), wp.quatf(*Rotation.from_matrix(pose[:3, :3]).as_quat()))
+    return view_from(transform, c.width, c.fx, c.fy, c.cx, c.cy, max_depth)
 
 
 def pose_at(position: list[float], rotation: np.ndarray = LOOKING_ALONG_X) -> np.ndarray:
@@ -99,8 +110,7 @@ def test_up_is_up_and_left_is_left(device: str) -> None:
     red, green, blue, yellow = (200, 20, 20), (20, 200, 20), (20, 20, 200), (200, 200, 20)
     for axis, side, color in ((2, 0, red), (2, 1, blue), (1, 1, green), (1, 0, yellow)):
         colors[np.all(np.isclose(corners[:, :, axis], ROOM[side, axis]), axis=1)] = color
-    face_colors = wp.array(colors, dtype=wp.vec3ub, device=device)
-    _, image = render(mesh, pose_at([-1.9, 0.1, 1.3]), face_colors)
+    _, image = render(mesh, pose_at([-1.9, 0.1, 1.3]), colors)
     pixels = image.numpy().astype(int)
     middle_row, middle_column = CAMERA.height // 2, CAMERA.width // 2
 
@@ -115,8 +125,7 @@ def test_up_is_up_and_left_is_left(device: str) -> None:
 
 def test_rays_that_hit_nothing_are_zero_and_black(device: str) -> None:
     mesh = mesh_of([BLOCK], device)
-    face_colors = wp.full(12, wp.vec3ub(9, 9, 9), dtype=wp.vec3ub, device=device)
-    depth, image = render(mesh, pose_at([2.0, 0.0, 0.5]), face_colors)
+    depth, image = render(mesh, pose_at([2.0, 0.0, 0.5]), np.full((12, 3), 9, np.uint8))
     assert not depth.numpy().any() and not image.numpy().any()
 
 
@@ -132,12 +141,11 @@ def test_nothing_is_seen_beyond_max_depth(device: str) -> None:
 def test_given_outputs_are_used_and_inputs_stay_as_they_are(device: str) -> None:
     mesh = mesh_of([ROOM], device)
     points, indices = mesh.points.numpy().copy(), mesh.indices.numpy().copy()
-    face_colors = wp.array(np.arange(36, dtype=np.uint8).reshape(12, 3), dtype=wp.vec3ub, device=device)
+    face_colors = np.arange(36, dtype=np.uint8).reshape(12, 3)
     out_depth = wp.zeros((CAMERA.height, CAMERA.width), dtype=wp.float32, device=device)
     out_colors = wp.zeros((CAMERA.height, CAMERA.width), dtype=wp.vec3ub, device=device)
     depth, colors = render(mesh, pose_at([0.0, 0.1, 1.3]), face_colors, out_depth=out_depth, out_colors=out_colors)
     assert depth is out_depth and colors is out_colors and out_depth.numpy().min() > 0.0
-    np.testing.assert_array_equal(face_colors.numpy(), np.arange(36).reshape(12, 3))
     np.testing.assert_array_equal(mesh.points.numpy(), points)
     np.testing.assert_array_equal(mesh.indices.numpy(), indices)
 
@@ -145,13 +153,13 @@ def test_given_outputs_are_used_and_inputs_stay_as_they_are(device: str) -> None
 def test_wrong_arrays_and_numbers_are_named() -> None:
     mesh = mesh_of([ROOM], "cpu")
     pose = pose_at([0.0, 0.1, 1.3])
-    with pytest.raises(ValueError, match="face_colors"):
-        render(mesh, pose, wp.zeros(11, dtype=wp.vec3ub, device="cpu"))
+    with pytest.raises(ValueError, match="face_texture"):
+        render(mesh, pose, np.zeros((11, 3), np.uint8))
     with pytest.raises(TypeError, match="out_depth"):
         render(mesh, pose, out_depth=wp.zeros((CAMERA.height, CAMERA.width), dtype=wp.float64, device="cpu"))
     with pytest.raises(ValueError, match="out_depth"):
         render(mesh, pose, out_depth=wp.zeros((CAMERA.width, CAMERA.height), dtype=wp.float32, device="cpu"))
-    with pytest.raises(ValueError, match="face_colors"):
+    with pytest.raises(ValueError, match="out_colors"):
         render(mesh, pose, out_colors=wp.zeros((CAMERA.height, CAMERA.width), dtype=wp.vec3ub, device="cpu"))
     with pytest.raises(ValueError, match="max_depth"):
         render(mesh, pose, max_depth=float("inf"))
@@ -168,7 +176,7 @@ def six_views(position: list[float]) -> np.ndarray:
 def test_no_ray_leaves_the_furnished_flat() -> None:
     scene = furnished_flat(1)
     poses = np.concatenate([six_views([(r.x_min + r.x_max) / 2, (r.y_min + r.y_max) / 2, 1.7]) for r in scene.rooms])
-    for frame in render_frames(scene, Camera.from_fov(48, 48, 90), Trajectory(poses)).read(False):
+    for frame in render_frames(scene.world, Camera.from_fov(48, 48, 90), Trajectory(poses)).read(False):
         assert frame.depth.min() > 0.0, f"a hole in view {frame.index}"
         assert frame.colors is None and frame.stamp_ns is None
 
@@ -176,7 +184,7 @@ def test_no_ray_leaves_the_furnished_flat() -> None:
 def test_a_stream_gives_the_same_bytes_each_time_it_is_read() -> None:
     stamps = np.arange(6, dtype=np.int64) * 100 + 7
     trajectory = Trajectory(six_views([1.0, 1.0, 1.2]), stamps)
-    stream = render_frames(furnished_flat(0), Camera.from_fov(40, 30, 90), trajectory)
+    stream = render_frames(furnished_flat(0).world, Camera.from_fov(40, 30, 90), trajectory)
     kept = in_memory(stream)
     for a, b, c, d in zip(stream.read(True), stream.read(True), kept.read(True), kept.read(False), strict=True):
         assert a.stamp_ns == stamps[a.index] == d.stamp_ns and a.colors is not None

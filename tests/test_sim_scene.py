@@ -112,7 +112,7 @@ def test_the_drive_goes_through_all_rooms_by_the_doors_and_comes_back(seed: int)
         nearest = positions[np.argmin(np.hypot(positions[:, 0] - door.x, positions[:, 1] - door.y))]
         beside = abs(nearest[1] - door.y) if door.across == "x" else abs(nearest[0] - door.x)
         assert beside < door.width / 2 - CLEARANCE
-    np.testing.assert_allclose(positions[0], positions[-1], atol=1e-6)
+    np.testing.assert_allclose(positions[0], positions[-1], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("frames", "rate_hz"), [(240, 10.0), (900, 30.0), (240, 5.0)])
@@ -127,12 +127,12 @@ def test_poses_are_optical_level_and_stamped() -> None:
     scene = furnished_flat(0)
     trajectory = drive(scene, frames=100, rate_hz=4.0, height=1.3)
     R = trajectory.T_world_camera[:, :3, :3]
-    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (100, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (100, 1, 1)), rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(R), 1.0)
-    np.testing.assert_allclose(R[:, 2, 0], 0.0, atol=1e-12)  # x right is level
+    np.testing.assert_allclose(R[:, 2, 0], 0.0, rtol=0, atol=1e-12)  # x right is level
     assert (R[:, 2, 1] < -0.9).all()  # y down
     assert (np.abs(R[:, 2, 2]) < 0.3).all()  # z forward, slightly pitched
-    np.testing.assert_allclose(trajectory.positions[:, 2] - scene.floor_z, 1.3, atol=0.02)
+    np.testing.assert_allclose(trajectory.positions[:, 2] - scene.floor_z, 1.3, rtol=0, atol=0.02)
     np.testing.assert_array_equal(trajectory.stamps_ns, START_NS + np.arange(100) * 250_000_000)
     # Mostly the camera looks where it goes.
     step = np.diff(trajectory.positions, axis=0)

@@ -62,7 +62,7 @@ def ate(gt: Trajectory, est: Trajectory) -> float:
 def test_no_disturbance_changes_nothing() -> None:
     gt = gt_drive()
     nothing = SlamDisturbance(**STILL, **CLEAR)
-    np.testing.assert_allclose(disturbed_trajectory(gt, nothing).T_world_camera, gt.T_world_camera, atol=1e-12)
+    np.testing.assert_allclose(disturbed_trajectory(gt, nothing).T_world_camera, gt.T_world_camera, rtol=0, atol=1e-12)
     depth = np.random.default_rng(0).uniform(0.4, 9.0, (20, 30))
     depth[3, 4] = 0.0
     frame = next(disturbed_frames(stream_of(depth), nothing).read(True))
@@ -88,13 +88,13 @@ def test_the_drift_does_not_depend_on_how_densely_the_way_is_sampled() -> None:
     ]
     assert np.linalg.norm(ends[0]) > 0.02
     # Metres: the integration's step differs by a factor of four.
-    np.testing.assert_allclose(ends[0], ends[1], atol=0.01)
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=0.01)
 
 
 def test_drift_starts_at_zero_and_changes_smoothly() -> None:
     gt = gt_drive()
     est = disturbed_trajectory(gt, SlamDisturbance(position_jitter=0.0, rotation_jitter=0.0))
-    np.testing.assert_allclose(est.T_world_camera[0], gt.T_world_camera[0], atol=1e-12)
+    np.testing.assert_allclose(est.T_world_camera[0], gt.T_world_camera[0], rtol=0, atol=1e-12)
     error = est.positions - gt.positions
     step = np.linalg.norm(np.diff(gt.positions, axis=0), axis=1)
     # A share of each step: scale 1 %, heading and slip some per cent.
@@ -105,11 +105,11 @@ def test_yaw_drift_turns_about_the_vertical_and_keeps_the_steps_lengths() -> Non
     gt = gt_drive()
     est = disturbed_trajectory(gt, SlamDisturbance(**{**STILL, "yaw_drift": 0.02}))
     turn = est.T_world_camera[:, :3, :3] @ gt.T_world_camera[:, :3, :3].transpose(0, 2, 1)
-    np.testing.assert_allclose(turn[:, 2], np.tile([0.0, 0.0, 1.0], (len(gt), 1)), atol=1e-12)
+    np.testing.assert_allclose(turn[:, 2], np.tile([0.0, 0.0, 1.0], (len(gt), 1)), rtol=0, atol=1e-12)
     assert np.abs(np.arctan2(turn[:, 1, 0], turn[:, 0, 0])).max() > 0.01
     lengths = [np.linalg.norm(np.diff(t.positions, axis=0), axis=1) for t in (gt, est)]
-    np.testing.assert_allclose(lengths[0], lengths[1], atol=1e-12)
-    np.testing.assert_allclose(est.positions[:, 2], gt.positions[:, 2], atol=1e-12)
+    np.testing.assert_allclose(lengths[0], lengths[1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(est.positions[:, 2], gt.positions[:, 2], rtol=0, atol=1e-12)
 
 
 def test_a_scale_error_makes_the_way_longer_by_its_share() -> None:
@@ -170,7 +170,7 @@ def test_depth_comes_in_steps_of_the_disparity() -> None:
     depth = np.linspace(0.5, 6.0, 4000).reshape(40, 100)
     found = sensed(depth, disparity_step=0.0028)
     steps = 1.0 / found.astype(float) / 0.0028
-    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-3)
+    np.testing.assert_allclose(steps, np.rint(steps), rtol=0, atol=1e-3)
     assert (np.abs(found - depth) <= 0.51 * 0.0028 * depth**2 * 1.02).all()
     assert len(np.unique(found)) < 700
 

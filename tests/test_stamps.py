@@ -33,7 +33,7 @@ def brute_force_nearest(among: np.ndarray, stamp: int) -> int:
 
 def test_interpolation_between_two_poses_is_linear_in_position_and_angle() -> None:
     matches = match_stamps(trajectory([0, 1]), trajectory([0.25]), method="interpolate", max_gap_s=1.0)
-    np.testing.assert_allclose(matches.T_world_camera_gt[0], pose(0.25, 0, 0, yaw=0.025), atol=ROUNDING)
+    np.testing.assert_allclose(matches.T_world_camera_gt[0], pose(0.25, 0, 0, yaw=0.025), rtol=0, atol=ROUNDING)
     assert matches.gt_index is None
     assert matches.gaps_ns.tolist() == [SECOND]
     assert matches.unmatched == 0
@@ -51,9 +51,11 @@ def test_interpolation_agrees_with_scipys_slerp_and_numpys_interp(seed: int) -> 
     matches = match_stamps(gt, est, method="interpolate", max_gap_s=0.1)
     T = matches.T_world_camera_gt
     slerp = Slerp(gt_stamps, Rotation.from_matrix(gt.T_world_camera[:, :3, :3]))
-    np.testing.assert_allclose(T[:, :3, :3], slerp(stamps).as_matrix(), atol=1e-9)  # Slerp's own float time
+    np.testing.assert_allclose(T[:, :3, :3], slerp(stamps).as_matrix(), rtol=0, atol=1e-9)  # Slerp's own float time
     for axis in range(3):
-        np.testing.assert_allclose(T[:, axis, 3], np.interp(stamps, gt_stamps, gt.positions[:, axis]), atol=1e-9)
+        np.testing.assert_allclose(
+            T[:, axis, 3], np.interp(stamps, gt_stamps, gt.positions[:, axis]), rtol=0, atol=1e-9
+        )
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["interpolate", "nearest"]))
@@ -144,14 +146,14 @@ def test_poses_at_stamps_tells_which_stamps_have_one(method: str, places: list[f
         run, stamps.astype(np.int64), method=method, max_gap_s={"interpolate": 1, "nearest": 0.5}[method]
     )
     assert found.tolist() == list(range(len(places)))
-    np.testing.assert_allclose(T[:, 0, 3], places, atol=ROUNDING)
+    np.testing.assert_allclose(T[:, 0, 3], places, rtol=0, atol=ROUNDING)
 
 
 def test_the_offset_is_added_to_the_estimates_stamps() -> None:
     matches = match_stamps(
         trajectory([10, 11]), trajectory([0.5]), method="interpolate", max_gap_s=1.0, t_offset_s=10.0
     )
-    np.testing.assert_allclose(matches.T_world_camera_gt[0, :3, 3], [10.5, 0, 0], atol=ROUNDING)
+    np.testing.assert_allclose(matches.T_world_camera_gt[0, :3, 3], [10.5, 0, 0], rtol=0, atol=ROUNDING)
 
 
 def test_without_stamps_poses_pair_by_index() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -24,6 +25,7 @@ def _python(code, *arguments, **environment):
 #: Runs a command, and says last which of the named packages were loaded.
 _LOADED = """
 import sys
+from pathlib import Path
 from maomaps_warp.cli import main
 try:
     main()
@@ -67,6 +69,7 @@ def test_a_misspelt_command_is_told_its_likely_name():
 #: Ctrl-C while the module that is named first is imported.
 _INTERRUPTED = """
 import sys
+from pathlib import Path
 interrupted = sys.argv.pop(1)
 class Interrupt:
     def find_spec(self, name, *rest):
@@ -98,3 +101,25 @@ def test_warp_starts_where_its_cache_cannot_be_written_and_leaves_nothing_behind
     assert folder.startswith(str(tmp_path))
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
     assert done.stderr == ""
+
+
+def test_a_command_ends_without_a_last_search_through_all_that_it_imported():
+    code = """
+import atexit, gc
+atexit.register(lambda: print(gc.get_threshold()[0], gc.get_freeze_count() > 1000))
+from maomaps_warp.cli import main
+main()
+"""
+    done = _python(code, "--version")
+    assert done.stdout.splitlines()[-1] == "100000 True", done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_a_full_output_is_one_line(option):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "maomaps_warp", option], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 2
+    assert done.stderr == "maomaps-warp: error: standard output: No space left on device\n"

@@ -39,7 +39,7 @@ def test_a_single_voxel_is_a_closed_cube_with_its_faces_outwards(device):
     assert surface.faces == 6
     assert cube.is_watertight and cube.is_winding_consistent
     assert cube.volume == pytest.approx(VOXEL**3, rel=1e-4)
-    np.testing.assert_allclose(cube.centroid + surface.voxels.grid.origin, [0.5, 0.25, 0.1], atol=1e-6)
+    np.testing.assert_allclose(cube.centroid + surface.voxels.grid.origin, [0.5, 0.25, 0.1], rtol=0, atol=1e-6)
 
 
 def test_faces_between_neighbours_are_left_out(device):
@@ -54,13 +54,13 @@ def test_every_triangle_knows_its_voxel(device):
     voxel = surface.surface.face_voxel.numpy()
     centers = surface.surface.centers.numpy()[voxel]
     reach = np.abs(corners - centers[:, None]).max(axis=(1, 2))
-    np.testing.assert_allclose(reach, 0.5 * VOXEL, atol=1e-5)
+    np.testing.assert_allclose(reach, 0.5 * VOXEL, rtol=0, atol=1e-5)
 
 
 def test_floored_cells_have_their_centres_half_a_voxel_on(device):
     surface = build_surface(_map([[0.01, 0.01, 0.01]], offset=0.5), device)
     middle = surface.surface.centers.numpy()[0] + surface.voxels.grid.origin
-    np.testing.assert_allclose(middle, [0.025] * 3, atol=1e-6)
+    np.testing.assert_allclose(middle, [0.025] * 3, rtol=0, atol=1e-6)
     assert _cast(surface, [middle - surface.voxels.grid.origin - [1, 0, 0]], [[1, 0, 0]], device)[0] == 0
 
 

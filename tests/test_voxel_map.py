@@ -192,9 +192,9 @@ def test_a_full_block_of_eight_becomes_one_leaf_and_a_block_of_64_too():
     single = np.array([[0, 0, 0]])
     points = (np.concatenate([cells, single]) + 0.5) * 0.05
     leaves = octomap_leaves(voxelise(points, _grid((3, 1, 0), 0.5)))
-    np.testing.assert_allclose(leaves, [[0.025] * 3, [0.25] * 3], atol=1e-12)
+    np.testing.assert_allclose(leaves, [[0.025] * 3, [0.25] * 3], rtol=0, atol=1e-12)
     block = (np.argwhere(np.ones((4, 4, 4))) - 4 + 0.5) * 0.05
-    np.testing.assert_allclose(octomap_leaves(voxelise(block, _grid(offset=0.5))), [[-0.1] * 3], atol=1e-12)
+    np.testing.assert_allclose(octomap_leaves(voxelise(block, _grid(offset=0.5))), [[-0.1] * 3], rtol=0, atol=1e-12)
 
 
 def test_a_block_that_straddles_octree_parents_is_not_pruned():

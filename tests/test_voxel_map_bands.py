@@ -76,7 +76,7 @@ def test_bands_of_a_level_camera_share_few_bricks():
     assert whole.stamps_ns is not None
     way = Trajectory(whole.T_world_camera[::8], whole.stamps_ns[::8])
     table = BrickMap(camera, grid(), USUAL, with_colors=False, threads=2)
-    for frame in render_frames(scene, camera, way).read(False):
+    for frame in render_frames(scene.world, camera, way).read(False):
         table.add(frame.depth, None, way.T_world_camera[frame.index])
     table.finish("test", None)
     table.close()

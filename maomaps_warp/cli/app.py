@@ -71,6 +71,10 @@ class _Group(TyperGroup):
             return super().main(*args, **options)
         try:
             code = super().main(*args, **options)
+            sys.stdout.flush()
+        except OSError as error:  # of --help and --version; commands guard their own
+            complain(f"{error.filename or 'standard output'}: {error.strerror or error}")
+            sys.exit(EXIT_BAD_INPUT)
         except _UsageError as error:
             complain(f"{error.format_message().replace('Value error, ', '')} (see --help)")
             sys.exit(EXIT_BAD_INPUT)

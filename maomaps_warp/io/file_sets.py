@@ -18,7 +18,7 @@ def write_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = Fals
 
     A folder that does not exist appears as a whole, with its parents. In one that exists, files change places by
     renaming; if one of the renames fails or is interrupted, the former files come back. What cannot be put back stays
-    in a hidden folder beside them.
+    in a hidden folder beside them, which the error names.
 
     Args:
         folder: where the files shall lie.
@@ -36,6 +36,8 @@ def write_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = Fals
     check_file_set(folder, names, overwrite=overwrite)
     is_new = not folder.exists()
     staging = (folder.parent if is_new else folder) / f".{secrets.token_hex(8)}.part"
+    made = [parent for parent in (staging, *staging.parents) if not parent.exists()]
+    is_done = False
     try:
         staging.mkdir(parents=True)
         yield staging
@@ -43,15 +45,23 @@ def write_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = Fals
             staging.rename(folder)
         else:
             _exchange(staging, folder, names)
+        is_done = True
     except InputError as error:
         # Errors name the hidden folder, which nobody knows.
         where = error.where.replace(str(staging), str(folder))
         raise InputError(where, error.found, error.hint) from error
     except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise InputError(folder, f"cannot be written: {reason}", "free some space or choose another place") from error
+        # One about another file was raised by the caller's own work inside the block: it is not ours to tell.
+        named = None if error.filename is None else Path(error.filename)
+        if named is not None and not {folder, staging, *made} & {named, *named.parents}:
+            raise
+        raise _cannot_write(folder, error) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        if not is_done:
+            for parent in made[1:]:
+                with contextlib.suppress(OSError):
+                    parent.rmdir()
 
 
 def check_file_set(folder: Path, names: Iterable[str], *, overwrite: bool = False) -> None:
@@ -86,13 +96,23 @@ def _exchange(staging: Path, folder: Path, names: tuple[str, ...]) -> None:
     try:
         for source, target in moves:
             source.rename(target)
-    except BaseException:  # Ctrl-C too
+    except BaseException as error:  # Ctrl-C too
         for source, target in reversed(moves):
             if not _stands(source):
-                target.rename(source)
-        former.rmdir()
+                with contextlib.suppress(OSError):  # the others can still come back
+                    target.rename(source)
+        with contextlib.suppress(OSError):
+            former.rmdir()
+        if former.exists() and isinstance(error, OSError):
+            wrong = _cannot_write(folder, error)
+            raise InputError(folder, wrong.found, f"not all that stood there could come back: see {former}") from error
         raise
     shutil.rmtree(former, ignore_errors=True)
+
+
+def _cannot_write(folder: Path, error: OSError) -> InputError:
+    reason = error.strerror or type(error).__name__
+    return InputError(folder, f"cannot be written: {reason}", "free some space or choose another place")
 
 
 def _stands(path: Path) -> bool:

@@ -62,7 +62,7 @@ def make_demo(folder: Path, *, frames: int, seed: int, device: str, clock: Stopw
             gt = drive(scene, frames=frames, seed=seed)
         except ValueError as error:
             raise InputError(f"--frames {frames}", f"too few for a round through the flat: {error}") from None
-        stream = in_memory(render_frames(scene, Camera.from_fov(*IMAGE_SIZE, 90.0), gt, device))
+        stream = in_memory(render_frames(scene.world, Camera.from_fov(*IMAGE_SIZE, 90.0), gt, device))
     with clock.stage("write bags"):
         write_rgbd_bag(files.ros1_bag, stream, gt, kind="ros1")
         write_rgbd_bag(files.mcap_bag, stream, gt, kind="mcap")

@@ -28,7 +28,7 @@ _NAMES = {
     "distance_field_building": ("build_distance_field",),
     "nearest": ("PointTree", "find_nearest", "nearest_point"),
     "pair_errors": ("Pairs", "pair_errors"),
-    "render": ("render_mesh",),
+    "render": ("Images", "MeshScene", "render_scene", "view_from"),
     "surface": ("Surface", "build_surface", "cast_rays", "first_surface"),
     "voxel_hash": (
         "VoxelHash",

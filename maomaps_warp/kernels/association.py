@@ -31,7 +31,7 @@ from maomaps_warp.kernels.association_rules import (
     to_map,
 )
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import DistanceField, cell_center, ray_origin, voxel_at
+from maomaps_warp.kernels.distance_field import DistanceField, cell_center, check_field, ray_origin, voxel_at
 from maomaps_warp.kernels.surface import Surface, check_surface, first_surface
 from maomaps_warp.kernels.voxel_rays import cast_ray
 
@@ -253,6 +253,8 @@ def _check_inputs(points: wp.array, poses: PosePairs, est: Any, gt: Any) -> None
     for name, surface in (("est", est), ("gt", gt)):
         if hasattr(surface, "centers"):
             check_surface(name, surface, device)
+        else:
+            check_field(name, surface, device)
 
 
 def _output(name: str, out: wp.array | None, shape: tuple[int, ...], device: Any) -> wp.array:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
+from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.voxel_hash import find_slot, pack_key
 
@@ -123,3 +126,17 @@ def cell_center(field: DistanceField, x: wp.float32, y: wp.float32, z: wp.float3
         (y + wp.float32(field.lower[1]) + field.center_offset) * field.voxel_size,
         (z + wp.float32(field.lower[2]) + field.center_offset) * field.voxel_size,
     )
+
+
+def check_field(name: str, field: DistanceField, device: Any) -> None:
+    """Raise unless the arrays of a field fit together and lie on `device`."""
+    if field.is_bricked:
+        check_array(f"{name}.clearance", field.clearance, wp.int32, (None,), device)
+        for keys, values in (("brick_keys", "brick_values"), ("voxel_keys", "voxel_values")):
+            check_array(f"{name}.{keys}", getattr(field, keys), wp.int64, (None,), device)
+            check_array(f"{name}.{values}", getattr(field, values), wp.int32, (len(getattr(field, keys)),), device)
+        check_array(f"{name}.block_keys", field.block_keys, wp.int64, (None,), device)
+    else:
+        check_array(f"{name}.clearance", field.clearance, wp.int32, (field.nx * field.ny * field.nz // 8,), device)
+        check_array(f"{name}.columns", field.columns, wp.uint64, (field.layer * field.nx,), device)
+        check_array(f"{name}.ranks", field.ranks, wp.int32, (field.layer * field.nx,), device)

@@ -1,68 +1,85 @@
-"""Renders depth and colour images of a triangle mesh by casting one ray a pixel.
+"""Renders images of a triangle mesh by casting rays through its pixels.
 
 The pinhole model is that of sensor_msgs/CameraInfo without distortion: the optical frame has x right, y down,
-z forward, and pixel (0, 0) is the centre of the first pixel.
+z forward, and pixel (0, 0) is the centre of the first pixel. Depth, normals and parts are those of the ray through the
+pixel's centre, so that a depth is that of one surface; colours are the mean over a grid of rays.
+
+Cost: a walk down wp.Mesh's tree for each ray, one of depth and samples^2 of colours a pixel. Faces that show only their
+front are passed from behind, as a rasteriser that culls them does: a new walk from there on.
 """
 
+from __future__ import annotations
+
 import math
+from dataclasses import dataclass
 
 import warp as wp
 
+from maomaps_warp.kernels.appearance import Appearance, color_of_hit
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.modules import RENDER
 from maomaps_warp.kernels.ranges import launch_ranges
 
 #: Depth of a pixel whose ray hits nothing, metres: depth images say "missing" so (elsewhere it is inf).
 NO_DEPTH = wp.constant(wp.float32(0.0))
-#: Shares of the light: from everywhere, from the camera, from above; dimensionless, their sum is 1.
-_AMBIENT = wp.constant(wp.float32(0.48))
-_HEADLIGHT = wp.constant(wp.float32(0.34))
-_SKYLIGHT = wp.constant(wp.float32(0.18))
-#: Edge of the texture's grains, metres, and how much they change the brightness, dimensionless.
-_GRAIN_SIZE = wp.constant(wp.float32(0.023))
-_GRAIN_CONTRAST = wp.constant(wp.float32(0.045))
-#: How far behind the surface the texture is sampled, metres: a face between grains would flicker otherwise.
-_GRAIN_INSET = wp.constant(wp.float32(0.004))
+#: Part of such a pixel.
+NO_PART = wp.constant(-1)
+#: How many culled faces a ray passes at most, and how far behind one it goes on, metres of depth.
+_MOST_PASSED = wp.constant(64)
+_BEHIND = wp.constant(wp.float32(1.0e-5))
 #: Least pixels of a range of a launch.
 _LEAST_PIXELS = 1024
 
 
-@wp.func
-def pixel_direction(
-    u: wp.float32, v: wp.float32, fx: wp.float32, fy: wp.float32, cx: wp.float32, cy: wp.float32
-) -> wp.vec3f:
-    """Direction of pixel (u, v) in the optical frame, scaled to z = 1, so that a ray's t is the depth."""
-    return wp.vec3f((u - cx) / fx, (v - cy) / fy, 1.0)
+@wp.struct
+class View:
+    """A pinhole camera at a pose."""
+
+    T_world_camera: wp.transformf  # optical frame
+    fx: wp.float32  # pixels
+    fy: wp.float32
+    cx: wp.float32
+    cy: wp.float32
+    max_depth: wp.float32  # metres along the optical axis
+    columns: wp.int32
 
 
 @wp.func
-def grain(point: wp.vec3f) -> wp.float32:
-    """Brightness factor of a surface point (metres): one pseudo-random value for each small cube of space."""
-    i = wp.int32(wp.floor(point[0] / _GRAIN_SIZE))
-    j = wp.int32(wp.floor(point[1] / _GRAIN_SIZE))
-    k = wp.int32(wp.floor(point[2] / _GRAIN_SIZE))
-    # Teschner et al. 2003, Optimized spatial hashing: three large primes, here followed by one more mix.
-    mixed = (i * 73856093) ^ (j * 19349663) ^ (k * 83492791)
-    mixed = (mixed ^ (mixed >> 13)) * 1274126177
-    share = wp.float32((mixed >> 16) & 255) / 255.0
-    return 1.0 + _GRAIN_CONTRAST * (2.0 * share - 1.0)
+def ray_through(view: View, u: wp.float32, v: wp.float32) -> wp.vec3:
+    """World direction of the ray through image point (u, v), scaled to z = 1 in the optical frame: t is the depth."""
+    return wp.transform_vector(view.T_world_camera, wp.vec3((u - view.cx) / view.fx, (v - view.cy) / view.fy, 1.0))
 
 
 @wp.func
-def shaded(albedo: wp.vec3ub, normal: wp.vec3f, direction: wp.vec3f, brightness: wp.float32) -> wp.vec3ub:
-    """Colour of a surface under light from the camera and from above.
+def first_seen(
+    mesh: wp.uint64, is_double_sided: wp.array(dtype=wp.uint8), origin: wp.vec3, direction: wp.vec3, max_t: wp.float32
+):
+    """The first face on a ray that shows this side.
 
-    `normal` is a unit vector of either sign, `direction` the ray's, both in the world; z is up. Both sides
-    of a face look alike.
+    Returns:
+        Face (-1: none), t, barycentric coordinates u and v of its first two corners, normal.
     """
-    facing = wp.dot(normal, wp.normalize(direction))
-    upward = wp.where(facing > 0.0, -normal[2], normal[2])
-    light = brightness * (_AMBIENT + _HEADLIGHT * wp.abs(facing) + _SKYLIGHT * (0.5 + 0.5 * upward))
-    return wp.vec3ub(
-        wp.uint8(wp.min(wp.float32(albedo[0]) * light + 0.5, 255.0)),
-        wp.uint8(wp.min(wp.float32(albedo[1]) * light + 0.5, 255.0)),
-        wp.uint8(wp.min(wp.float32(albedo[2]) * light + 0.5, 255.0)),
-    )
+    face = wp.int32(-1)
+    t = wp.float32(0.0)
+    u = wp.float32(0.0)
+    v = wp.float32(0.0)
+    normal = wp.vec3(0.0, 0.0, 0.0)
+    passed = wp.int32(0)
+    while passed < _MOST_PASSED:
+        hit = wp.mesh_query_ray(mesh, origin + t * direction, direction, max_t - t)
+        if not hit.result:
+            passed = _MOST_PASSED
+        elif is_double_sided[hit.face] == wp.uint8(0) and wp.dot(hit.normal, direction) > 0.0:
+            t = t + hit.t + _BEHIND
+            passed += 1
+        else:
+            face = hit.face
+            t = t + hit.t
+            u = hit.u
+            v = hit.v
+            normal = hit.normal
+            passed = _MOST_PASSED
+    return face, t, u, v, normal
 
 
 @wp.kernel(module=RENDER)
@@ -70,95 +87,176 @@ def _render_kernel(
     # In:
     start: wp.int32,
     mesh: wp.uint64,
-    face_colors: wp.array(dtype=wp.vec3ub),
-    T_world_camera: wp.transformf,
-    focal: wp.vec2f,
-    center: wp.vec2f,
-    max_depth: wp.float32,
-    # Out:
-    depth: wp.array2d(dtype=wp.float32),
-    colors: wp.array2d(dtype=wp.vec3ub),
+    is_double_sided: wp.array(dtype=wp.uint8),
+    face_part: wp.array(dtype=wp.int32),
+    look: Appearance,
+    view: View,
+    samples: wp.int32,
+    # Out, each of (height * width,), or empty if not asked for:
+    depth: wp.array(dtype=wp.float32),
+    colors: wp.array(dtype=wp.vec3ub),
+    normals: wp.array(dtype=wp.vec3),
+    parts: wp.array(dtype=wp.int32),
 ):
-    task = start + wp.tid()
-    row = task // depth.shape[1]
-    column = task % depth.shape[1]
-    origin = wp.transform_get_translation(T_world_camera)
-    pixel = pixel_direction(wp.float32(column), wp.float32(row), focal[0], focal[1], center[0], center[1])
-    direction = wp.transform_vector(T_world_camera, pixel)
-    hit = wp.mesh_query_ray(mesh, origin, direction, max_depth)
-    depth[row, column] = wp.where(hit.result, hit.t, NO_DEPTH)
-    if colors:
-        color = wp.vec3ub()
-        if hit.result:
-            point = origin + hit.t * direction
-            inset = wp.where(wp.dot(hit.normal, direction) > 0.0, _GRAIN_INSET, -_GRAIN_INSET)
-            color = shaded(face_colors[hit.face], hit.normal, direction, grain(point + inset * hit.normal))
-        colors[row, column] = color
+    pixel = start + wp.tid()
+    row = wp.float32(pixel // view.columns)
+    column = wp.float32(pixel % view.columns)
+    origin = wp.transform_get_translation(view.T_world_camera)
+    direction = ray_through(view, column, row)
+    face, t, u, v, normal = first_seen(mesh, is_double_sided, origin, direction, view.max_depth)
+    depth[pixel] = wp.where(face >= 0, t, NO_DEPTH)
+    if normals.shape[0] > 0:
+        # Towards the camera, in the optical frame.
+        facing = wp.where(wp.dot(normal, direction) > 0.0, -1.0, 1.0)
+        normals[pixel] = wp.quat_rotate_inv(wp.transform_get_rotation(view.T_world_camera), facing * normal)
+    if parts.shape[0] > 0:
+        part = wp.int32(NO_PART)
+        if face >= 0:
+            part = face_part[face]
+        parts[pixel] = part
+    if colors.shape[0] > 0:
+        color = wp.vec3(0.0, 0.0, 0.0)
+        for sample in range(samples * samples):
+            if samples > 1:
+                across = (wp.float32(sample % samples) + 0.5) / wp.float32(samples) - 0.5
+                down = (wp.float32(sample // samples) + 0.5) / wp.float32(samples) - 0.5
+                direction = ray_through(view, column + across, row + down)
+                face, t, u, v, normal = first_seen(mesh, is_double_sided, origin, direction, view.max_depth)
+            if face >= 0:
+                color = color + color_of_hit(look, face, u, v, origin + t * direction, normal, direction)
+        color = color / wp.float32(samples * samples)
+        colors[pixel] = wp.vec3ub(
+            wp.uint8(wp.min(color[0] + 0.5, 255.0)),
+            wp.uint8(wp.min(color[1] + 0.5, 255.0)),
+            wp.uint8(wp.min(color[2] + 0.5, 255.0)),
+        )
 
 
-def render_mesh(
-    mesh: wp.Mesh,
-    face_colors: wp.array | None,
+@dataclass(frozen=True, eq=False)
+class MeshScene:
+    """A mesh on a device, ready to be rendered.
+
+    Attributes:
+        mesh: metres, world frame, z up.
+        look: its colours; None renders none.
+        is_double_sided: (F,) uint8: 0 where only the front (counter-clockwise) shows.
+        face_part: (F,) int32, which part of the scene each face belongs to.
+    """
+
+    mesh: wp.Mesh
+    look: Appearance | None
+    is_double_sided: wp.array
+    face_part: wp.array
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """What a camera sees; None where it was not asked for.
+
+    Attributes:
+        depth: (height, width) float32, metres along the optical axis; 0 where the ray hits nothing.
+        colors: (height, width) vec3ub RGB, black where the rays hit nothing.
+        normals: (height, width) vec3, unit vectors towards the camera, optical frame; 0 where the ray hits nothing.
+        parts: (height, width) int32; -1 where the ray hits nothing.
+    """
+
+    depth: wp.array
+    colors: wp.array | None
+    normals: wp.array | None
+    parts: wp.array | None
+
+
+def view_from(
     T_world_camera: wp.transformf,
     width: int,
-    height: int,
     fx: float,
     fy: float,
     cx: float,
     cy: float,
     max_depth: float,
-    *,
-    out_depth: wp.array | None = None,
-    out_colors: wp.array | None = None,
-    threads: int = 1,
-) -> tuple[wp.array, wp.array | None]:
-    """Renders `mesh` as a pinhole camera sees it; runs on the mesh's device and stream, without a sync.
+) -> View:
+    """A camera at a pose.
 
     Args:
-        mesh: the surface, metres, world frame, z up; both sides of a face are seen.
-        face_colors: (F,) vec3ub RGB, one a triangle; None renders depth alone.
-        T_world_camera: the camera's pose, optical frame (x right, y down, z forward).
-        width, height: image size, pixels.
+        T_world_camera: its pose, optical frame (x right, y down, z forward).
+        width: of the image, pixels.
         fx, fy: focal lengths, pixels.
         cx, cy: principal point, pixels; (0, 0) is the centre of the first pixel.
         max_depth: surfaces beyond it are not seen, metres along the optical axis.
-        out_depth: (height, width) float32 to write into; allocated if None.
-        out_colors: (height, width) vec3ub to write into; allocated if None and there are face colours.
-        threads: on a CPU.
 
-    Returns:
-        depth: (height, width) float32, metres along the optical axis; 0 where the ray hits nothing.
-        colors: (height, width) vec3ub RGB, black where the ray hits nothing; None without face colours.
+    Raises:
+        ValueError: a number is out of range.
+    """
+    if not (math.isfinite(max_depth) and max_depth > 0.0):
+        raise ValueError(f"max_depth must be positive and finite, got {max_depth}")
+    if not (fx > 0.0 and fy > 0.0):
+        raise ValueError(f"focal lengths must be positive, got fx={fx}, fy={fy}")
+    view = View()
+    view.T_world_camera = T_world_camera
+    view.fx, view.fy, view.cx, view.cy = fx, fy, cx, cy
+    view.max_depth = max_depth
+    view.columns = width
+    return view
+
+
+def render_scene(
+    scene: MeshScene,
+    view: View,
+    height: int,
+    *,
+    samples: int = 1,
+    with_normals: bool = False,
+    with_parts: bool = False,
+    out_depth: wp.array | None = None,
+    out_colors: wp.array | None = None,
+    threads: int = 1,
+) -> Images:
+    """Renders a scene as a pinhole camera sees it; runs on the scene's device and stream, without a sync.
+
+    Args:
+        scene: what there is; colours are rendered if it has some.
+        view: the camera.
+        height: of the image, pixels; its width is the view's.
+        samples: colours are the mean of samples x samples rays a pixel.
+        with_normals, with_parts: render those, too.
+        out_depth: (height, width) float32 to write into; allocated if None.
+        out_colors: (height, width) vec3ub to write into; allocated if None and the scene has colours.
+        threads: on a CPU.
 
     Raises:
         TypeError: an array has the wrong dtype.
         ValueError: an array has the wrong shape or device, or a number is out of range.
     """
-    if width < 1 or height < 1:
-        raise ValueError(f"image size must be positive, got {width}x{height}")
-    if not (math.isfinite(max_depth) and max_depth > 0.0):
-        raise ValueError(f"max_depth must be positive and finite, got {max_depth}")
-    if not (fx > 0.0 and fy > 0.0):
-        raise ValueError(f"focal lengths must be positive, got fx={fx}, fy={fy}")
-    if face_colors is None and out_colors is not None:
-        raise ValueError("out_colors needs face_colors")
-    device = mesh.device
-    image = (height, width)
-    if face_colors is not None:
-        check_array("face_colors", face_colors, wp.vec3ub, (mesh.indices.size // 3,), device)
-        if out_colors is None:
-            out_colors = wp.empty(image, dtype=wp.vec3ub, device=device)
-        check_array("out_colors", out_colors, wp.vec3ub, image, device)
-    if out_depth is None:
-        out_depth = wp.empty(image, dtype=wp.float32, device=device)
-    check_array("out_depth", out_depth, wp.float32, image, device)
+    shape = (height, view.columns)
+    if min(shape) < 1 or samples < 1:
+        raise ValueError(f"image size and samples must be positive, got {shape[1]}x{shape[0]}, {samples}")
+    if scene.look is None and out_colors is not None:
+        raise ValueError("out_colors needs a scene with colours")
+    device = scene.mesh.device
+    faces = scene.mesh.indices.size // 3
+    check_array("is_double_sided", scene.is_double_sided, wp.uint8, (faces,), device)
+    check_array("face_part", scene.face_part, wp.int32, (faces,), device)
+    if scene.look is not None:
+        check_array("look.face_texture", scene.look.face_texture, wp.int32, (faces,), device)
+    depth = _output("out_depth", out_depth, shape, wp.float32, device)
+    colors = None if scene.look is None else _output("out_colors", out_colors, shape, wp.vec3ub, device)
+    normals = wp.empty(shape, dtype=wp.vec3, device=device) if with_normals else None
+    parts = wp.empty(shape, dtype=wp.int32, device=device) if with_parts else None
+    look = Appearance() if scene.look is None else scene.look
     launch_ranges(
         _render_kernel,
-        width * height,
-        inputs=[mesh.id, face_colors, T_world_camera, wp.vec2f(fx, fy), wp.vec2f(cx, cy), max_depth],
-        outputs=[out_depth, out_colors],
+        height * view.columns,
+        inputs=[scene.mesh.id, scene.is_double_sided, scene.face_part, look, view, samples],
+        outputs=[None if image is None else image.flatten() for image in (depth, colors, normals, parts)],
         device=device,
         threads=threads,
         grain=_LEAST_PIXELS,
     )
-    return out_depth, out_colors
+    return Images(depth, colors, normals, parts)
+
+
+def _output(name: str, given: wp.array | None, shape: tuple[int, int], dtype: type, device: wp.Device) -> wp.array:
+    if given is None:
+        given = wp.empty(shape, dtype=dtype, device=device)
+    check_array(name, given, dtype, shape, device)
+    return given

@@ -21,7 +21,7 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import DistanceField, clearance_at, ray_origin, voxel_at
+from maomaps_warp.kernels.distance_field import DistanceField, check_field, clearance_at, ray_origin, voxel_at
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, larger, leap
@@ -280,7 +280,7 @@ def cast_voxel_rays(
         out_voxel: position of the hit voxel in the map; -1 where the ray meets nothing or has no direction.
     """
     device = origins.device
-    check_array("field.clearance", field.clearance, wp.int32, (None,), device)
+    check_field("field", field, device)
     check_array("origins", origins, wp.vec3, (None,), device)
     check_array("directions", directions, wp.vec3, (len(origins),), device)
     if out_voxel is None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from maomaps_warp.sim import furniture as make
 from maomaps_warp.sim.solids import STEP, Color, Solid, ball, box, cylinder, merged, mirrored, placed
+from maomaps_warp.sim.world import World, plain_world
 
 #: Where the inner walls cross, and the height of the floor, metres. Every face of a box lies at this plus a
 #: multiple of STEP = 0.025: half a step from all faces and centres of voxels of 0.05, whether cells are
@@ -25,6 +26,8 @@ CEILING = 2.6
 HALF_WALL = 0.05
 DOOR_WIDTH = 0.9
 DOOR_HEIGHT = 2.05
+#: By what share the brightness of its surfaces changes from grain to grain: features for what looks at plain walls.
+GRAIN = 0.045
 
 OAK: Color = (176, 128, 80)
 PINE: Color = (212, 172, 116)
@@ -80,6 +83,11 @@ class Scene:
     tour: NDArray[np.float64]
     floor_z: float
     ceiling_z: float
+
+    @property
+    def world(self) -> World:
+        """What cameras see of it."""
+        return plain_world(self.vertices, self.triangles, self.face_colors, grain=GRAIN, source="furnished flat")
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,7 @@ def _render(building: rooms.Building, camera: Camera, gt: Trajectory, folder: Pa
     depth = np.lib.format.open_memmap(folder / "depth.npy", mode="w+", dtype=np.float32, shape=image)
     colors = np.lib.format.open_memmap(folder / "colors.npy", mode="w+", dtype=np.uint8, shape=(*image, 3))
     directions = _pixel_directions(camera)
-    for frame in render_frames(scene, camera, gt).read(True):
+    for frame in render_frames(scene.world, camera, gt).read(True):
         T = gt.T_world_camera[frame.index].astype(np.float32)
         points = (directions * frame.depth.reshape(-1, 1)) @ T[:3, :3].T + T[:3, 3]
         depth[frame.index] = frame.depth + _roughness(points).reshape(frame.depth.shape)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -61,16 +62,21 @@ def write_bag(path: Path, kind: BagKind, entries: Iterable[Entry], *, overwrite:
         kind: "ros1" is a bag of format 2.0. "mcap" is a lone MCAP file of the profile ros2, which `ros2 bag` and
             Foxglove read; "ros2" a ROS 2 bag with MCAP storage.
         entries: messages by ascending time; at least one. They are written one by one.
-        overwrite: replace a file, or a folder that is a bag.
+        overwrite: replace a file, or a folder that is a bag; a link is followed, so that its target is replaced.
 
     Raises:
         InputError: something is at `path` already, or it cannot be written.
+        ValueError: there is no message.
     """
     check_new_bag(path, overwrite=overwrite)
-    place = path.absolute()
+    place = path.resolve()
+    left = iter(entries)
     try:
         with write_file_set(place.parent, (place.name,), overwrite=overwrite) as work:
-            _WRITERS[kind](work / place.name, entries)
+            first = next(left, None)
+            if first is None:
+                raise ValueError("a bag needs at least one message")
+            _WRITERS[kind](work / place.name, chain([first], left))
     except InputError as error:
         if error.where != str(place.parent):
             raise
