@@ -85,6 +85,18 @@ def test_packets_alone_decide_what_is_near():
     np.testing.assert_array_equal(squares, search_tree(queries, points)[1])
 
 
+def test_clouds_of_very_uneven_density_are_left_to_the_tree():
+    rng = np.random.default_rng(25)
+    dense, sparse = rng.uniform(0.0, 0.5, (9000, 3)), rng.uniform(-100.0, 100.0, (1000, 3))
+    points = np.concatenate([dense, sparse])
+    for with_index in (True, False):
+        index, squares = search_cells(points, points, with_index=with_index)
+        assert (squares == -1).all() and (index == -1).all() and len(index) == (len(points) if with_index else 0)
+    index, distances = nearest_neighbours(points, points)
+    np.testing.assert_array_equal(index, np.arange(len(points)))
+    assert not distances.any()
+
+
 def test_free_distances_are_those_of_the_neighbours_bit_for_bit():
     queries, points = CLOUDS["rooms"]
     assert find_lattice(queries, points) is None

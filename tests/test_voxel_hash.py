@@ -59,6 +59,14 @@ def _expected(ijk: np.ndarray) -> dict[tuple[int, ...], tuple[int, ...]]:
     return {cell: tuple(entry) for cell, entry in content.items()}
 
 
+def test_no_slot_holds_an_index_beyond_the_key(device):
+    keys, values = build_voxel_index(wp.array([[1, 2, 3], [4, 5, 6]], dtype=wp.vec3i, device=device))
+    asked = wp.array([[4, 5, 6], [KEY_BIAS, 0, 0], [0, -KEY_BIAS - 1, 0], [9, 9, 9]], dtype=wp.vec3i, device=device)
+    found = wp.empty(4, dtype=wp.int32, device=device)
+    wp.launch(_look_up, dim=4, inputs=[asked, keys, values, found], device=device)
+    assert found.numpy().tolist() == [1, -1, -1, -1]
+
+
 def test_keys_are_unpacked_to_the_indices_they_were_packed_from():
     rng = np.random.default_rng(0)
     ijk = rng.integers(-KEY_BIAS, KEY_BIAS, size=(1000, 3))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from oracle import first_voxel
 from scenes import VOXEL, cluttered_room
 
+from maomaps_warp.kernels.distance_field_building import build_distance_field
 from maomaps_warp.kernels.surface import cast_rays
 from maomaps_warp.kernels.voxel_rays import cast_voxel_rays
 from maomaps_warp.mapping.distance_field import build_voxel_field
@@ -236,3 +237,36 @@ def test_a_map_with_outliers_kilometres_away_is_hit_where_it_is_without_them(dev
     assert (expected >= 0).all()
     # A field 200,000 cells wide places a ray to a hundredth of a cell: a few that graze an edge pass on the other side.
     assert (both.ijk[hits] == alone.ijk[expected]).all(axis=1).mean() > 0.98
+
+
+def test_bricks_beyond_the_reach_of_int32_cells_are_found():
+    voxels = voxel_map(np.rint(cluttered_room(0) / VOXEL).astype(np.int32))
+    origins, directions = (vectors(rays, "cpu") for rays in room_rays(0, 200))
+    field = build_voxel_field(voxels, dense_bytes=0).field
+    hits = cast_voxel_rays(field, origins, directions).numpy()
+    # The same bricks as if 2^23 others came before them: 512 cells each are 2^32.
+    bricks, real = 1 << 23, field.clearance
+    field.clearance = wp.array(
+        ptr=real.ptr - 256 * bricks, shape=(64 * bricks + len(real),), dtype=wp.int32, device="cpu"
+    )
+    field.clearance_address = field.clearance.ptr
+    field.brick_values = wp.array(field.brick_values.numpy() + bricks, dtype=wp.int32, device="cpu")
+    for packets in (True, False):
+        np.testing.assert_array_equal(cast_voxel_rays(field, origins, directions, packets=packets).numpy(), hits)
+    assert (hits >= 0).mean() > 0.5 and len(real) > 0
+
+
+def test_arrays_that_do_not_fit_together_are_named():
+    voxels = voxel_map(np.rint(cluttered_room(0) / VOXEL).astype(np.int32))
+    rays = vectors([[0.0, 0.0, 0.0]], "cpu"), vectors([[1.0, 0.0, 0.0]], "cpu")
+    for name in ("columns", "ranks", "clearance"):
+        field = build_voxel_field(voxels).field
+        setattr(field, name, wp.clone(getattr(field, name))[:8])
+        with pytest.raises(ValueError, match=rf"field\.{name}"):
+            cast_voxel_rays(field, *rays)
+
+
+def test_a_box_too_large_for_a_dense_field_is_refused():
+    ijk = wp.array(np.array([[0, 0, 0], [2000, 2000, 2000]]), dtype=wp.vec3i, device="cpu")
+    with pytest.raises(ValueError, match="too large for a dense field"):
+        build_distance_field(ijk, (0, 0, 0), (2000, 2000, 2000), VOXEL, 0.0)

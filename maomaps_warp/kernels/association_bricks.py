@@ -117,7 +117,7 @@ def choose_for_packet(
                         filled[k] = 0
                         # Never ahead of the packets that are still to be read: `left` has not passed `start`.
                         lists.place[left] = places[k]
-                        lists.rank[left] = rank
+                        lists.rank[left] = wp.max(rank, lists.rank[start + k])
                         out_status[bricks.element[places[k]]] = status[k]
                         left += 1
             worst = float(-1.0)

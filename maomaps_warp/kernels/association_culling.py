@@ -13,7 +13,7 @@ import warp as wp
 
 from maomaps_warp.kernels.association_rules import View, flag
 from maomaps_warp.kernels.modules import OPTIONS
-from maomaps_warp.kernels.voxel_rays import lanes_f, lanes_i
+from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i, smaller
 
 wp.set_module_options(OPTIONS)
 
@@ -37,15 +37,6 @@ class PoseLists:
     bins: wp.array(dtype=wp.int32)  # (BINS + 1,)
     place: wp.array(dtype=wp.int32)  # (E,) where the elements of a brick that wait for a pose lie among all ...
     rank: wp.array(dtype=wp.int32)  # (E,) ... and how many of the listed poses were tried for each
-
-
-@wp.func
-def smaller(a: lanes_f, b: lanes_f) -> lanes_f:
-    """The smaller of both, lane by lane; without wp.min's care for NaN."""
-    r = lanes_f()
-    for k in range(16):
-        r[k] = wp.where(a[k] < b[k], a[k], b[k])
-    return r
 
 
 @wp.func
@@ -87,8 +78,8 @@ def cull_poses(
     """
     center = 0.5 * (low + high)
     half = 0.5 * (high - low)
-    steepest = wp.max(wp.max(-view.x_min, view.x_max), wp.max(-view.y_min, view.y_max))
-    slope = 1.0 + wp.max(wp.max(wp.abs(view.x_min), wp.abs(view.x_max)), wp.max(wp.abs(view.y_min), steepest))
+    steepest_y = wp.max(wp.abs(view.y_min), wp.abs(view.y_max))
+    slope = 1.0 + wp.max(wp.max(wp.abs(view.x_min), wp.abs(view.x_max)), steepest_y)
     span = wp.abs(low[0]) + wp.abs(low[1]) + wp.abs(low[2]) + wp.abs(high[0]) + wp.abs(high[1]) + wp.abs(high[2])
     near = wp.where(view.two_sided, 0.0, view.near)
     max_square = view.max_range * view.max_range

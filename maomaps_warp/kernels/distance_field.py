@@ -56,7 +56,6 @@ class DistanceField:
     voxel_values: wp.array(dtype=wp.int32)  # position of the voxel in the map
 
 
-# Inlined, for a call would copy the struct, half a kilobyte.
 @wp.func
 def spread_bits(bits: wp.uint64) -> wp.int32:
     """The lowest 8 bits, each as the lowest of four: eight clearances of 0 or 1."""
@@ -66,6 +65,7 @@ def spread_bits(bits: wp.uint64) -> wp.int32:
     return (x | (x << 3)) & 0x11111111
 
 
+# Inlined, for a call would copy the struct, half a kilobyte.
 @wp.func(inline=True)
 def voxel_at(field: DistanceField, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int32:
     """Position in the map of the voxel in field cell (x, y, z), or -1 if the cell is free, border or outside."""
@@ -88,11 +88,11 @@ def voxel_at(field: DistanceField, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.
 def clearance_at(field: DistanceField, x: wp.int32, y: wp.int32, z: wp.int32) -> wp.int32:
     """Cells from field cell (x, y, z) to the nearest occupied or border cell, capped; 0 in those."""
     cells = MAX_CLEARANCE
-    c = int(-1)
+    element = int(-1)  # of eight cells, not the cell: that of the last bricks has no int32
     if field.is_bricked:
         slot = find_slot(field.brick_keys, pack_key(wp.vec3i(x >> 3, y >> 3, z >> 3)))
         if slot >= 0:
-            c = 512 * field.brick_values[slot] + (z & 7) + 8 * ((y & 7) + 8 * (x & 7))
+            element = 64 * field.brick_values[slot] + (y & 7) + 8 * (x & 7)
         else:
             # Far from every voxel, very far where the block and all around it are empty; but the border may be near.
             if find_slot(field.block_keys, pack_key(wp.vec3i(x >> 8, y >> 8, z >> 8))) < 0:
@@ -100,9 +100,9 @@ def clearance_at(field: DistanceField, x: wp.int32, y: wp.int32, z: wp.int32) ->
             to_border = wp.min(wp.min(x, field.nx - 1 - x), wp.min(y, field.ny - 1 - y))
             cells = wp.min(wp.min(to_border, wp.min(z, field.nz - 1 - z)), cells)
     else:
-        c = z + field.nz * (y + field.ny * x)
-    if c >= 0:
-        cells = (field.clearance[c >> 3] >> ((c & 7) << 2)) & 15
+        element = (z >> 3) + (field.nz >> 3) * (y + field.ny * x)
+    if element >= 0:
+        cells = (field.clearance[element] >> ((z & 7) << 2)) & 15
     return cells
 
 
@@ -130,6 +130,8 @@ def cell_center(field: DistanceField, x: wp.float32, y: wp.float32, z: wp.float3
 
 def check_field(name: str, field: DistanceField, device: Any) -> None:
     """Raise unless the arrays of a field fit together and lie on `device`."""
+    if field.clearance_address != field.clearance.ptr:
+        raise ValueError(f"{name}.clearance_address: is not that of {name}.clearance")
     if field.is_bricked:
         check_array(f"{name}.clearance", field.clearance, wp.int32, (None,), device)
         for keys, values in (("brick_keys", "brick_values"), ("voxel_keys", "voxel_values")):

@@ -6,7 +6,7 @@ cell is free of r where none of the layers x - r .. x + r has it. The clearance 
 cell free, counted in four binary digits, again 64 cells at a time.
 
 Cost: about 360 loads of eight words for 512 cells, half of them where rooms are low: a block of cells is done with the
-first reach that leaves none free. Limit: fifteen bit planes of a slab of layers, 120 MB.
+first reach that leaves none free. Limit: fifteen bit planes of a slab of layers: 120 MB, or 56 layers if that is more.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, DistanceField, sp
 from maomaps_warp.kernels.modules import SCORE
 from maomaps_warp.kernels.ranges import launch_ranges
 
-#: Words of one bit plane of a slab: fifteen planes of it take 120 MB.
+#: Words of one bit plane of a slab: fifteen planes of it take 120 MB. But a slab has at least 28 layers, beside the 28
+#: around it that are widened with it: less would widen the same layers over and over.
 _PLANE_WORDS = 1 << 20
 
 words8 = wp.types.vector(length=8, dtype=wp.uint64)
@@ -165,10 +166,9 @@ def lay_out_field(
     """A field around cells `lower` to `upper` that holds nothing yet; arguments as for `build_distance_field`."""
     field = DistanceField()
     field.lower = wp.vec3i(*(a - 1 for a in lower))
-    field.nx, field.ny, deep = (b - a + 3 for a, b in zip(lower, upper, strict=True))
-    field.nz = -(-deep // 8) * 8  # whole elements of `clearance`
-    field.words = -(-field.nz // 64)
-    field.layer = -(-field.ny * field.words // 8) * 8
+    field.nx, field.ny, field.nz, field.words, layer = _layout(lower, upper)
+    if layer * field.nx < 1 << 31:  # else it has to be bricked, and needs none
+        field.layer = layer
     field.voxel_size, field.inv_voxel_size, field.center_offset = voxel_size, 1.0 / voxel_size, center_offset
     field.origin_scale = 1.0 / voxel_size
     field.origin_shift = wp.vec3d(*(0.5 - center_offset - (a - 1) for a in lower))
@@ -192,9 +192,15 @@ def build_distance_field(
         voxel_size: metres.
         center_offset: 0 if cells are centred on multiples of the voxel size, 0.5 if they start there.
         threads: on a CPU.
+
+    Raises:
+        ValueError: the box has too many cells for a dense field.
     """
     device = ijk.device
     check_array("ijk", ijk, wp.vec3i, (None,), device)
+    nx, ny, nz, _, layer = _layout(lower, upper)
+    if max(nx * ny * nz, nx * layer) >= 1 << 31:
+        raise ValueError(f"a box of {nx} x {ny} x {nz} cells is too large for a dense field")
     field = lay_out_field(lower, upper, voxel_size, center_offset)
     columns = wp.zeros(field.layer * field.nx, dtype=wp.uint64, device=device)
     ranks = wp.empty(field.layer * field.nx, dtype=wp.int32, device=device)
@@ -213,12 +219,33 @@ def build_distance_field(
     return field
 
 
+def _slab_layers(nx: int, layer: int) -> tuple[int, int]:
+    """Layers of x whose clearances are counted at a time, and how many are widened for them."""
+    halo = int(MAX_CLEARANCE) - 1
+    slab = max(_PLANE_WORDS // layer - 2 * halo, 2 * halo)
+    return slab, min(slab + 2 * halo, nx)
+
+
+def dense_bytes_of(lower: tuple[int, int, int], upper: tuple[int, int, int]) -> int:
+    """What a dense field around cells `lower` to `upper` takes while it is built."""
+    nx, ny, nz, _, layer = _layout(lower, upper)
+    planes = int(MAX_CLEARANCE) * 8 * layer * _slab_layers(nx, layer)[1]
+    return nx * ny * nz // 2 + 12 * layer * nx + planes
+
+
+def _layout(lower: tuple[int, int, int], upper: tuple[int, int, int]) -> tuple[int, int, int, int, int]:
+    """nx, ny, nz, words and layer of a field, see DistanceField."""
+    nx, ny, deep = (b - a + 3 for a, b in zip(lower, upper, strict=True))
+    nz = -(-deep // 8) * 8  # whole elements of `clearance`
+    words = -(-nz // 64)
+    return nx, ny, nz, words, -(-ny * words // 8) * 8
+
+
 def _fill_clearance(field: DistanceField, threads: int) -> None:
     """Fill `field.clearance` from `field.columns`, slab by slab of layers."""
     device = field.columns.device
     halo = MAX_CLEARANCE - 1
-    slab = max(_PLANE_WORDS // field.layer - 2 * halo, 2 * halo)
-    most = min(slab + 2 * halo, field.nx)
+    slab, most = _slab_layers(field.nx, field.layer)
     plane = most * field.layer
     # Room at both ends for the neighbours of the first and the last word, whatever they hold.
     planes = wp.empty(MAX_CLEARANCE * plane + 2 * field.words + 16, dtype=wp.uint64, device=device)

@@ -84,7 +84,7 @@ def cells_on_lattice(
     """
     device = points.device
     check_array("points", points, wp.vec3d, (None,), device)
-    blocks = -(-len(points) // 4096)
+    blocks = -(-len(points) // int(_BLOCK))
     cells = wp.empty(len(points), dtype=wp.vec3i, device=device)
     lower, upper = (wp.empty(blocks, dtype=wp.vec3i, device=device) for _ in range(2))
     off = wp.empty(blocks, dtype=wp.int32, device=device)

@@ -232,7 +232,7 @@ def nearest_in_cells(
     index = wp.empty(len(query_points) if with_index else 0, dtype=wp.int32, device=device)
     launch_ranges(
         _packet_kernel,
-        -(-len(query_points) // 512),
+        -(-len(query_points) // int(_TASK_QUERIES)),
         inputs=[grid, end, in_order, original, query_points, query_order, wp.float64(widest)],
         outputs=[squares, index],
         device=device,

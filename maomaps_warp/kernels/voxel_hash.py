@@ -83,16 +83,16 @@ def _first_slot(key: wp.int64, capacity: wp.int32) -> wp.int32:
 
 @wp.func
 def find_slot(keys: wp.array(dtype=wp.int64), key: wp.int64) -> wp.int32:
-    """Slot of `key`, or -1 if the table does not hold it."""
+    """Slot of `key`, or -1 if the table does not hold it, as it never holds EMPTY_KEY."""
     capacity = keys.shape[0]
     slot = _first_slot(key, capacity)
     result = int(-1)
     for _probe in range(capacity):
         found = keys[slot]
+        if found == EMPTY_KEY:
+            break
         if found == key:
             result = slot
-            break
-        if found == EMPTY_KEY:
             break
         slot = (slot + 1) & (capacity - 1)
     return result

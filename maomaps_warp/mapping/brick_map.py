@@ -35,8 +35,8 @@ class BrickMap:
     """Frames on their way into bricks. Each thread adds a band of rows of every frame to a table of its own.
 
     All sums are integers, so neither the number of threads nor the order of frames changes the map. What does not fit
-    into bricks (a range of so many voxels that one frame fills no window, samples beyond the reach of keys) goes into a
-    hash, whose kernel computes the same cells.
+    into bricks (a range of so many voxels that one frame fills no window, images of millions of pixels, samples beyond
+    the reach of keys) goes into a hash, whose kernel computes the same cells.
     """
 
     def __init__(

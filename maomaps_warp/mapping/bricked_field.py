@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maomaps_warp.errors import CapacityError
 from maomaps_warp.model.voxels import pack_keys, unpack_keys
 from maomaps_warp.threads import thread_count
 
+#: 256 bytes each: 4 GB. Elements of `clearance` have int32 numbers, enough for twice as many.
+MOST_BRICKS = 1 << 24
 #: Bricks this far from an occupied one have cells within reach of its voxels.
 _NEAR = 2
 
@@ -23,6 +26,9 @@ def fill_with_bricks(field: Any, ijk: NDArray[np.int32], device: str) -> None:
         field: kernels.distance_field.DistanceField of a box around `ijk`.
         ijk: (N, 3) int32, the map's voxels.
         device: Warp device.
+
+    Raises:
+        CapacityError: more than MOST_BRICKS.
     """
     import warp as wp
 
@@ -36,6 +42,11 @@ def fill_with_bricks(field: Any, ijk: NDArray[np.int32], device: str) -> None:
     bit = np.left_shift(np.uint64(1), (8 * (cells[:, 1] & 7) + (cells[:, 2] & 7)).astype(np.uint64))
     np.bitwise_or.at(words, (place, cells[:, 0] & 7), bit)
     bricks = unpack_keys(_around(occupied, _NEAR))
+    if len(bricks) > MOST_BRICKS:
+        raise CapacityError(
+            f"a map of {len(ijk)} voxels, each far from the next, needs {256 * len(bricks) / 1e9:.1f} GB for its rays: "
+            "crop it, remove outliers, or raise --voxel-size"
+        )
     on_device = wp.array(bricks, dtype=wp.vec3i, device=device)
     keys, places = build_voxel_index(wp.array(unpack_keys(occupied), dtype=wp.vec3i, device=device))
     clearance = brick_clearance(

@@ -12,8 +12,8 @@ from maomaps_warp.mapping.bricked_field import fill_with_bricks
 from maomaps_warp.model.voxels import VoxelMap
 from maomaps_warp.threads import thread_count
 
-#: Bytes of a dense field at most, half a byte a cell; maps with a larger box get bricks.
-DENSE_BYTES = 256 << 20
+#: Bytes that a dense field may take while it is built; maps with a larger box get bricks.
+DENSE_BYTES = 512 << 20
 #: Where eight clearances lie in a number.
 _SHIFTS = np.arange(0, 32, 4, dtype=np.uint32)
 
@@ -39,15 +39,16 @@ def build_voxel_field(voxels: VoxelMap, device: str = "cpu", *, dense_bytes: int
     Args:
         voxels: the map.
         device: Warp device.
-        dense_bytes: above this, half a byte for each cell of the map's box, the field is made of bricks: slower to
-            build and to cast rays through, with the same hits.
+        dense_bytes: where a dense field would take more, the field is made of bricks: slower to build and to cast rays
+            through, with the same hits.
 
     Raises:
         ValueError: the map is empty.
+        CapacityError: too large even for bricks.
     """
     import warp as wp
 
-    from maomaps_warp.kernels.distance_field_building import build_distance_field, lay_out_field
+    from maomaps_warp.kernels.distance_field_building import build_distance_field, dense_bytes_of, lay_out_field
 
     if not len(voxels):
         raise ValueError("a distance field needs at least one voxel")
@@ -55,11 +56,11 @@ def build_voxel_field(voxels: VoxelMap, device: str = "cpu", *, dense_bytes: int
     lower = int(i[0]), int(j.min()), int(k.min())
     upper = int(i[-1]), int(j.max()), int(k.max())
     size, offset = voxels.grid.voxel_size, voxels.grid.center_offset
-    field = lay_out_field(lower, upper, size, offset)
-    if field.nx * field.ny * field.nz // 2 <= dense_bytes:
+    if dense_bytes_of(lower, upper) <= dense_bytes:
         ijk = wp.array(voxels.ijk, dtype=wp.vec3i, device=device, copy=False)
         field = build_distance_field(ijk, lower, upper, size, offset, threads=thread_count(device))
     else:
+        field = lay_out_field(lower, upper, size, offset)
         fill_with_bricks(field, voxels.ijk, device)
     return VoxelField(voxels, field, device)
 

@@ -1,4 +1,5 @@
-"""Kernels compiled ahead: object files that a release carries, so that nothing is compiled on a user's machine.
+"""Kernels compiled ahead: object files that a release carries, so that nothing is compiled on a user's machine for
+the usual jobs; kernels of maps too large for a dense field, and the references, still are.
 
 `kernels/compiled/<Warp version>/` holds a folder for each kind of processor, with the objects as Warp names them, and
 `manifest.json` with the SHA-256 of every file. `scripts/build_kernels.py` makes them; the repository holds none.

@@ -13,6 +13,9 @@ _SAMPLE = 2048
 _POINTS_OF_CELL = 4.0
 #: Cells of a grid at most: 16 MB.
 _MAX_CELLS = 1 << 22
+#: So many times more pairs of points in one cell than is wished for, and packets would compare clusters by brute force:
+#: clouds of very uneven density are left to the tree.
+_TOO_CROWDED = 30.0
 #: Share of the sample beyond the grid on each side of each axis, before the grid is widened by `_WIDENED`.
 _BEYOND = 0.02
 _WIDENED = 0.05
@@ -42,7 +45,9 @@ def search_cells(
 
     if not len(queries):
         return np.empty(0, dtype=np.int32), np.empty(0)
-    lower, upper, cell_size = lay_out(points)
+    lower, upper, cell_size, crowding = lay_out(points)
+    if crowding > _TOO_CROWDED:
+        return np.full(len(queries) if with_index else 0, -1, dtype=np.int32), np.full(len(queries), -1.0)
     query_sample = _sample(queries)
     query_lower, query_upper = _bulk(query_sample)
     query_cell = _within_budget(query_upper - query_lower, _QUERY_CELLS * cell_size)
@@ -61,21 +66,27 @@ def search_cells(
     return index.numpy(), squares.numpy()
 
 
-def lay_out(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Corners of a grid around the bulk of `points`, (N, 3) float64 metres, and the edge of its cells, metres."""
+def lay_out(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """A grid around the bulk of `points`, (N, 3) float64 metres.
+
+    Returns:
+        Its corners, the edge of its cells, metres, and how many times more pairs of points than wished share a cell.
+    """
     sample = _sample(points)
     lower, upper = _bulk(sample)
     extent = upper - lower
     # From here only downwards: surfaces crowd fewer cells than a full volume would.
     size = float(extent.max()) / max(1.0, 0.5 * len(points) ** (1.0 / 3.0))
     if not size > 0.0:
-        return lower, upper, 1.0
+        return lower, upper, 1.0, 0.0
     size = _within_budget(extent, size)
     # Two points of the sample share a cell as often as two of the cloud do.
     crowded = 0.5 * _POINTS_OF_CELL * len(sample) ** 2 / len(points)
-    while _pairs_in_cells(sample, lower, size) > crowded and _cells(extent, size / 1.4) <= _MAX_CELLS:
+    pairs = _pairs_in_cells(sample, lower, size)
+    while pairs > crowded and _cells(extent, size / 1.4) <= _MAX_CELLS:
         size /= 1.4
-    return lower, upper, size
+        pairs = _pairs_in_cells(sample, lower, size)
+    return lower, upper, size, pairs / crowded
 
 
 def _sample(points: NDArray[np.float64]) -> NDArray[np.float64]:

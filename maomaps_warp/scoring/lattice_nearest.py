@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,8 +25,9 @@ _SAMPLED = 61
 #: So far look the few that are left in the end, no more than so many.
 _FAR_REACH = 80
 _FAR_QUERIES = 4096
-#: Cells of the transform at most: 128 MB, and as much again while it runs.
+#: Cells of the transform at most, 128 MB; and of what it takes beside that while it runs, rows padded by the window.
 _MAX_VOLUME = 1 << 26
+_MAX_PADDED = 1 << 27
 #: Windows of the transform, cells, and how many cells of volume for each query and point each is worth, where what was
 #: done before leaves more than this share of the queries undecided. Packets decide the rest.
 _WINDOWS = ((15, 100), (100, 10))
@@ -112,10 +114,10 @@ def near_squares(clouds: LatticeClouds, threads: int = 1) -> NDArray[np.int32]:
     """Squared distance of each query to the nearest point, (Q,) int32, cells^2; -1 where it is not near. On a CPU."""
     import warp as wp
 
-    from maomaps_warp.kernels.distance_transform import squares_along_z, squares_within
+    from maomaps_warp.kernels.distance_transform import ROW_CELLS, squares_along_z, squares_within
 
     shape = _padded_shape(clouds)
-    volume = int(np.prod(shape))
+    volume = math.prod(shape.tolist())
     worth = [max(_SMALL_VOLUME, each * (len(clouds.queries) + len(clouds.points))) for _, each in _WINDOWS]
     if volume > min(worth[0], _MAX_VOLUME):
         return np.full(len(clouds.queries), -1, dtype=np.int32)
@@ -128,7 +130,8 @@ def near_squares(clouds: LatticeClouds, threads: int = 1) -> NDArray[np.int32]:
     along_z = squares_along_z(points, **box)
     squares = _around(clouds.queries, along_z, box)
     for (window, _), cells in zip(_WINDOWS, worth, strict=True):
-        if volume <= cells and _much_is_left(squares):
+        padded = volume // x * (x + 2 * -(-window // ROW_CELLS) * ROW_CELLS)
+        if volume <= cells and padded <= _MAX_PADDED and _much_is_left(squares):
             squares = squares_within(queries, along_z, window=window, **box).numpy()
     left = np.flatnonzero(squares < 0)
     if 0 < len(left) <= _FAR_QUERIES:
