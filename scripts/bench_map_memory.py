@@ -125,7 +125,7 @@ def _write_bag(path: str, frames: str, kind: str) -> dict[str, Any]:
     from maomaps_warp.sim.recorder import write_rgbd_bag
 
     stream, trajectory = _recording(int(frames))
-    write_rgbd_bag(Path(path), stream, trajectory, kind="mcap" if kind == "mcap" else "ros1")
+    write_rgbd_bag(Path(path), stream, trajectory, kind="ros2" if kind == "mcap" else "ros1")
     files = [file for file in (Path(path), *Path(path).rglob("*")) if file.is_file()]
     return {"bag_bytes": sum(file.stat().st_size for file in files)}
 

@@ -18,7 +18,7 @@ from maomaps_warp.errors import InputError
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
-from maomaps_warp.sim.recorder import write_rgbd_bag
+from maomaps_warp.sim.recorder import MAOMAPS_TOPICS, write_rgbd_bag
 
 CAMERA = Camera(7, 5, 4.25, 4.5, 3.125, 1.875)
 COUNT = 6
@@ -36,7 +36,7 @@ TOPICS = {
     "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo",
     "/gt/pose": "geometry_msgs/msg/PoseStamped",
 }
-NAMES = {"ros1": "drive.bag", "mcap": "drive"}
+NAMES = {"ros1": "drive.bag", "ros2": "drive"}
 
 
 def trajectory() -> Trajectory:
@@ -80,7 +80,7 @@ def read_back(path: Path, kind: str) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-@pytest.fixture(params=["ros1", "mcap"])
+@pytest.fixture(params=["ros1", "ros2"])
 def kind(request: pytest.FixtureRequest) -> Any:
     return request.param
 
@@ -135,7 +135,7 @@ def test_a_ros_1_bag_states_the_checksums_and_definitions_of_noetic(tmp_path: Pa
 def test_an_mcap_bag_is_read_by_the_mcap_reader(tmp_path: Path) -> None:
     from mcap.reader import make_reader
 
-    write_rgbd_bag(tmp_path / "drive", stream_of(frames()), trajectory(), kind="mcap")
+    write_rgbd_bag(tmp_path / "drive", stream_of(frames()), trajectory(), kind="ros2")
     assert sorted(p.name for p in (tmp_path / "drive").iterdir()) == ["drive.mcap", "metadata.yaml"]
     with (tmp_path / "drive" / "drive.mcap").open("rb") as file:
         reader = make_reader(file)
@@ -191,3 +191,24 @@ def test_frames_without_stamps_or_colours_and_poses_without_stamps_are_refused(t
     with pytest.raises(ValueError, match="poses with stamps"):
         write_rgbd_bag(path, stream_of(frames()), replace(trajectory(), stamps_ns=None), kind=kind)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("kind", "name"), [("ros1", "run.bag"), ("mcap", "run.mcap"), ("ros2", "run")])
+def test_a_recording_in_the_form_of_maomaps_has_its_topics_and_body_poses(tmp_path: Path, kind: Any, name: str) -> None:
+    from maomaps_warp.io.sources import SourceOptions, open_source
+
+    write_rgbd_bag(tmp_path / name, stream_of(frames()), trajectory(), kind=kind, topics=MAOMAPS_TOPICS)
+    source = open_source(tmp_path / name, SourceOptions(pose_frame="maomaps-c"), "gt")
+    assert source.trajectory is not None and source.frames is not None and source.camera == CAMERA
+    np.testing.assert_allclose(source.trajectory.T_world_camera, trajectory().T_world_camera, rtol=0, atol=1e-14)
+    for frame, read in zip(frames(), source.frames.read(True), strict=True):
+        np.testing.assert_array_equal(read.depth, frame.depth)
+        np.testing.assert_array_equal(read.colors, frame.colors)
+    if kind == "ros1":
+        with rosbag1.Reader(tmp_path / name) as reader:
+            assert {c.topic for c in reader.connections} == {
+                "/habitat/rgb/image",
+                "/habitat/depth/image",
+                "/habitat/rgb/camera_info",
+                "/true_pose",
+            }

@@ -29,6 +29,7 @@ _COMMANDS = {
     "score-merge": "score_merge.score_merge",
     "merge-table": "merge_table.merge_table",
     "project": "project.project",
+    "record": "record.record",
     "score-2d": "score_2d.score_2d",
 }
 

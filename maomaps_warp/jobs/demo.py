@@ -65,7 +65,7 @@ def make_demo(folder: Path, *, frames: int, seed: int, device: str, clock: Stopw
         stream = in_memory(render_frames(scene.world, Camera.from_fov(*IMAGE_SIZE, 90.0), gt, device))
     with clock.stage("write bags"):
         write_rgbd_bag(files.ros1_bag, stream, gt, kind="ros1")
-        write_rgbd_bag(files.mcap_bag, stream, gt, kind="mcap")
+        write_rgbd_bag(files.mcap_bag, stream, gt, kind="ros2")
     disturbance = SlamDisturbance(seed=seed)
     est = disturbed_trajectory(gt, disturbance)
     source = Source("simulated SLAM", "simulation", est, frames=disturbed_frames(stream, disturbance))

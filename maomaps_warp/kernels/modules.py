@@ -26,7 +26,7 @@ MAP = "maomaps_warp.map"
 #: Reading large maps, on a CPU. Apart, because files are read before anything else is known to be needed.
 TEXT = "maomaps_warp.text"
 
-#: The demonstration's camera.
+#: The virtual robot: what its camera sees, and where it fits.
 RENDER = "maomaps_warp.render"
 
 #: The files of `maomaps_warp.kernels` with kernels in each module.
@@ -47,7 +47,7 @@ FILES: dict[str, tuple[str, ...]] = {
         "voxel_bricks_export",
     ),
     TEXT: ("text_tables",),
-    RENDER: ("render",),
+    RENDER: ("render", "robot_space"),
 }
 
 #: What each job launches on a CPU as a rule; Warp compiles the rest where it is launched after all.

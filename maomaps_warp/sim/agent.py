@@ -61,7 +61,7 @@ def drive(scene: Scene, *, frames: int = 240, rate_hz: float = 10.0, seed: int =
     at = np.interp(np.linspace(0.0, times[-1], frames), times, np.arange(len(way)))
     x, y, z, yaw, pitch = (np.interp(at, np.arange(len(way)), track) for track in (way[:, 0], way[:, 1], z, yaw, pitch))
     stamps = START_NS + np.rint(np.arange(frames) * (1e9 / rate_hz)).astype(np.int64)
-    return Trajectory(_looking(np.stack([x, y, z], axis=1), yaw, pitch), stamps, "simulated drive", "world")
+    return Trajectory(looking(np.stack([x, y, z], axis=1), yaw, pitch), stamps, "simulated drive", "world")
 
 
 def _rounded_way(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,7 +110,7 @@ def _times(yaw: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
     return np.concatenate([[0.0], np.cumsum(per_step)])
 
 
-def _looking(
+def looking(
     positions: NDArray[np.float64], yaw: NDArray[np.float64], pitch: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Optical poses, (N, 4, 4), that look along yaw (about z, from x) and pitch (upwards) without roll."""

@@ -4,39 +4,72 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from maomaps_warp.io.bags.writing import BagKind, Entry, MessageMaker, write_bag
 from maomaps_warp.io.rotations import quaternions_from_matrices
 from maomaps_warp.model.frame import FrameStream
+from maomaps_warp.model.pose_convention import T_BODY_CAMERA
 from maomaps_warp.model.trajectory import Trajectory
 
-#: Topics of a recording; depth is registered to the colour image, so both have the same camera.
-RGB_TOPIC = "/camera/rgb/image_raw"
-RGB_INFO_TOPIC = "/camera/rgb/camera_info"
-DEPTH_TOPIC = "/camera/depth/image_raw"
-DEPTH_INFO_TOPIC = "/camera/depth/camera_info"
-POSE_TOPIC = "/gt/pose"
 CAMERA_FRAME = "camera_optical_frame"
 WORLD_FRAME = "world"
 
-_Kind = Literal["ros1", "mcap"]
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of a recording's topics; depth is registered to the colour image, so both have the same camera.
+
+    Attributes:
+        rgb, depth, pose: rgb8; 32FC1, metres, 0 = missing; PoseStamped in "world".
+        infos: topics of the camera's calibration, one message a frame each.
+        has_body_poses: poses are those of the robot's body at the camera's place (x forward, y left, z up); else the
+            camera's (x right, y down, z forward).
+    """
+
+    rgb: str
+    depth: str
+    pose: str
+    infos: tuple[str, ...]
+    has_body_poses: bool
 
 
-def write_rgbd_bag(path: Path, stream: FrameStream, trajectory: Trajectory, *, kind: _Kind) -> None:
+#: Each image with its calibration, as drivers of RGB-D cameras have it.
+CAMERA_TOPICS = Topics(
+    "/camera/rgb/image_raw",
+    "/camera/depth/image_raw",
+    "/gt/pose",
+    ("/camera/rgb/camera_info", "/camera/depth/camera_info"),
+    has_body_poses=False,
+)
+#: As the MAOMaps recorder publishes them; poses by the plainest of its conventions ("maomaps-c").
+MAOMAPS_TOPICS = Topics(
+    "/habitat/rgb/image", "/habitat/depth/image", "/true_pose", ("/habitat/rgb/camera_info",), has_body_poses=True
+)
+
+
+def write_rgbd_bag(
+    path: Path,
+    stream: FrameStream,
+    trajectory: Trajectory,
+    *,
+    kind: BagKind,
+    topics: Topics = CAMERA_TOPICS,
+    overwrite: bool = False,
+) -> None:
     """Writes frames and their ground truth as a bag, uncompressed, in the order of the stamps.
 
-    Topics: `/camera/rgb/image_raw` (rgb8), `/camera/depth/image_raw` (32FC1, metres, 0 = missing),
-    `/camera/rgb/camera_info`, `/camera/depth/camera_info`, `/gt/pose` (PoseStamped of the optical frame in
-    "world"). Every message's time is the stamp of its header.
+    Every message's time is the stamp of its header.
 
     Args:
-        path: what to make: a ".bag" file for "ros1", a folder (metadata.yaml and one .mcap file) for "mcap".
-            It appears when it is complete, never before.
+        path: what to make: a ".bag" file for "ros1", an ".mcap" file for "mcap", a folder for "ros2". It appears when
+            it is complete, never before.
         stream: frames with stamps and colours.
         trajectory: poses with stamps, their own or the frames'.
-        kind: "ros1" (bag format 2.0) or "mcap" (ROS 2 bag with MCAP storage).
+        kind: see `write_bag`.
+        topics: under which names, and which poses.
+        overwrite: replace a bag that stands there.
 
     Raises:
         InputError: something is at `path` already, or it cannot be written.
@@ -44,27 +77,29 @@ def write_rgbd_bag(path: Path, stream: FrameStream, trajectory: Trajectory, *, k
     """
     if trajectory.stamps_ns is None:
         raise ValueError("a bag needs poses with stamps")
-    bag_kind: BagKind = "ros1" if kind == "ros1" else "ros2"
-    make = MessageMaker.of(bag_kind)
-    entries = heapq.merge(_frame_entries(stream, make), _pose_entries(trajectory, make), key=lambda entry: entry[1])
-    write_bag(path, bag_kind, entries)
+    make = MessageMaker.of(kind)
+    frames, poses = _frame_entries(stream, topics, make), _pose_entries(trajectory, topics, make)
+    write_bag(path, kind, heapq.merge(frames, poses, key=lambda entry: entry[1]), overwrite=overwrite)
 
 
-def _frame_entries(stream: FrameStream, make: MessageMaker) -> Iterator[Entry]:
+def _frame_entries(stream: FrameStream, topics: Topics, make: MessageMaker) -> Iterator[Entry]:
     for frame in stream.read(True):
         if frame.stamp_ns is None or frame.colors is None:
             raise ValueError(f"a bag needs frames with stamps and colours; frame {frame.index} lacks them")
         header = make.header(frame.stamp_ns, CAMERA_FRAME, frame.index)
         info = make.camera_info(header, stream.camera)
-        yield RGB_INFO_TOPIC, frame.stamp_ns, info
-        yield RGB_TOPIC, frame.stamp_ns, make.image(header, "rgb8", frame.colors)
-        yield DEPTH_INFO_TOPIC, frame.stamp_ns, info
-        yield DEPTH_TOPIC, frame.stamp_ns, make.image(header, "32FC1", frame.depth)
+        for topic in topics.infos:
+            yield topic, frame.stamp_ns, info
+        yield topics.rgb, frame.stamp_ns, make.image(header, "rgb8", frame.colors)
+        yield topics.depth, frame.stamp_ns, make.image(header, "32FC1", frame.depth)
 
 
-def _pose_entries(trajectory: Trajectory, make: MessageMaker) -> Iterator[Entry]:
+def _pose_entries(trajectory: Trajectory, topics: Topics, make: MessageMaker) -> Iterator[Entry]:
     assert trajectory.stamps_ns is not None
-    quaternions = quaternions_from_matrices(trajectory.T_world_camera[:, :3, :3]).tolist()
+    R = trajectory.T_world_camera[:, :3, :3]
+    if topics.has_body_poses:
+        R = R @ T_BODY_CAMERA[:3, :3].T
+    quaternions = quaternions_from_matrices(R).tolist()
     poses = zip(trajectory.stamps_ns.tolist(), trajectory.positions.tolist(), quaternions, strict=True)
     for index, (stamp, position, xyzw) in enumerate(poses):
-        yield POSE_TOPIC, stamp, make.pose_stamped(make.header(stamp, WORLD_FRAME, index), position, xyzw)
+        yield topics.pose, stamp, make.pose_stamped(make.header(stamp, WORLD_FRAME, index), position, xyzw)

@@ -1,0 +1,132 @@
+"""`maomaps-warp record`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from maomaps_warp.cli import EXIT_INTERRUPTED
+from maomaps_warp.cli.options import CameraText, Debug, Device, PoseFrame, camera_of
+from maomaps_warp.errors import InputError
+
+Place = Annotated[str | None, typer.Option(metavar="X,Y", help="Where to start, metres.")]
+
+
+def record(
+    scene: Annotated[str, typer.Argument(help="A .glb, .gltf, .ply or .obj; or flat, flat:SEED: a furnished flat.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="BAG", help="NAME.bag (ROS 1), NAME.mcap or NAME (ROS 2).")
+    ],
+    duration: Annotated[float, typer.Option(metavar="S", help="How long, at most.")] = 60.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the exploration.")] = 0,
+    start: Place = None,
+    waypoint: Annotated[
+        list[str] | None, typer.Option(metavar="X,Y", help="Go there by the shortest way; repeatable. Else explore.")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Follow these poses exactly (TUM, KITTI, EuRoC, MAOMaps).")
+    ] = None,
+    pose_frame: PoseFrame = "auto",
+    camera: CameraText = None,
+    samples: Annotated[int, typer.Option(min=1, max=8, help="Colours are the mean of N x N rays a pixel.")] = 2,
+    light: Annotated[
+        Literal["natural", "flat"], typer.Option(help="flat: the scene's colours as they are.")
+    ] = "natural",
+    back_faces: Annotated[
+        Literal["culled", "seen"], typer.Option(help="Of one-sided materials; culled is what Habitat does.")
+    ] = "culled",
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
+    speed: Annotated[float, typer.Option(metavar="M/S", help="At most.")] = 0.5,
+    turn_rate: Annotated[float, typer.Option(metavar="DEG/S", help="At most.")] = 45.0,
+    radius: Annotated[float, typer.Option(metavar="M", help="Of the robot.")] = 0.18,
+    robot_height: Annotated[float, typer.Option(metavar="M", help="Of the robot's top.")] = 1.3,
+    camera_height: Annotated[float, typer.Option(metavar="M", help="Of the camera.")] = 1.0,
+    pitch: Annotated[float, typer.Option(metavar="DEG", help="Of the camera, upwards.")] = 0.0,
+    floor: Annotated[
+        float | None, typer.Option(metavar="Z", help="Height of the floor, metres.", show_default="found")
+    ] = None,
+    up: Annotated[Literal["auto", "y", "z"], typer.Option(help="Axis of the file that points upwards.")] = "auto",
+    unit: Annotated[Literal["m", "cm", "mm"], typer.Option(help="Of the file's coordinates.")] = "m",
+    drop: Annotated[list[str] | None, typer.Option(metavar="PART", help="Leave this part out; repeatable.")] = None,
+    device: Device = "auto",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a bag that stands there.")] = False,
+    debug: Debug = False,
+) -> None:
+    """Send a virtual robot through a scene and record RGB, depth and exact poses, as MAOMaps bags have them.
+
+    It explores, goes along waypoints, or follows a trajectory. Ctrl-C ends the recording; the bag holds what was
+    recorded until then. Exit code 2: the scene or a place cannot be used, or the bag cannot be written.
+    """
+    from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
+    from maomaps_warp.jobs import record as job
+
+    with user_errors(debug):
+        check_device_name(device)
+        _check_alone(trajectory, start, waypoint)
+        lens = camera_of(camera)
+        places = tuple(_place("--waypoint", text) for text in waypoint or ())
+        try:
+            options = job.RecordOptions(
+                robot=job.Robot(radius, robot_height, camera_height),
+                driving=job.Driving(speed, math.radians(turn_rate), rate, math.radians(pitch)),
+                duration=_positive("--duration", duration),
+                seed=seed,
+                start=None if start is None else _place("--start", start),
+                waypoints=places,
+                trajectory=trajectory,
+                pose_frame=pose_frame,
+                floor_z=floor,
+                scene=job.SceneOptions(up, unit, tuple(drop or ())),
+                render=job.RenderOptions(
+                    samples=samples, is_lit=light == "natural", are_back_faces_seen=back_faces == "seen"
+                ),
+                overwrite=overwrite,
+            )
+        except ValueError as error:
+            raise InputError("the robot's options", str(error), "see --help") from None
+        if lens is not None:
+            options = replace(options, camera=lens)
+        quiet_warp()
+        from maomaps_warp.mapping.device import resolve_device
+
+        with progress_clock() as clock:
+            with clock.stage("start device"):
+                used = resolve_device(device, "render")
+            recorded = job.record(scene, output, options, device=used, clock=clock)
+        out = console()
+        for note in recorded.world.notes:
+            out.print(f"note   {note}", soft_wrap=True)
+        area = "" if recorded.free_area is None else f"; {recorded.free_area:.1f} m2 free for the robot"
+        triangles, parts = len(recorded.world.triangles), len(recorded.world.parts)
+        out.print(f"scene  {recorded.world.source}: {triangles} triangles, parts: {parts}{area}", soft_wrap=True)
+        run = recorded.run
+        out.print(f"run    {recorded.frames} frames, {run.path_length:.2f} m, {run.duration_s or 0.0:.1f} s")
+        out.print(f"wrote  {output}", soft_wrap=True)
+        if recorded.is_interrupted:
+            out.print(f"stopped after {recorded.frames} of {len(recorded.trajectory)} frames")
+            raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _place(option: str, text: str) -> tuple[float, float]:
+    try:
+        x, y = (float(word) for word in text.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError(f"{option} {text}", "is no place", "give X,Y in metres, as in 1.5,-2")
+    return x, y
+
+
+def _positive(option: str, value: float) -> float:
+    if not 0.0 < value < math.inf:
+        raise InputError(f"{option} {value:g}", "must be above 0", "give seconds")
+    return value
+
+
+def _check_alone(trajectory: Path | None, start: str | None, waypoints: list[str] | None) -> None:
+    if trajectory is not None and (start is not None or waypoints):
+        raise InputError(f"--trajectory {trajectory}", "given beside --start or --waypoint", "give one or the other")

@@ -1,0 +1,208 @@
+"""Recording what a virtual robot sees on its way through a scene."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import Event, current_thread, main_thread
+from types import FrameType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.bags.writing import bag_kind, check_new_bag
+from maomaps_warp.io.trajectories import read_trajectory
+from maomaps_warp.model.camera import Camera
+from maomaps_warp.model.frame import Frame
+from maomaps_warp.model.trajectory import Trajectory
+from maomaps_warp.sim.agent import START_NS
+from maomaps_warp.sim.driving import Driving, drive_along
+from maomaps_warp.sim.free_space import FreeSpace, Robot, find_free_space
+from maomaps_warp.sim.planning import Planner, rounded
+from maomaps_warp.sim.recorder import MAOMAPS_TOPICS, write_rgbd_bag
+from maomaps_warp.sim.render import RenderOptions, render_frames
+from maomaps_warp.sim.scene import furnished_flat
+from maomaps_warp.sim.scene_files import SceneOptions, read_world
+from maomaps_warp.sim.world import World
+from maomaps_warp.stopwatch import Stopwatch
+
+__all__ = ["Driving", "RecordOptions", "Recorded", "RenderOptions", "Robot", "SceneOptions", "record"]
+
+#: What names a built-in scene: "flat", or "flat:3" for that of another seed.
+FLAT = "flat"
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """What a robot is, where it goes, and what its camera sees.
+
+    Attributes:
+        camera: of the images.
+        robot: its size.
+        driving: its speeds; the poses' rate.
+        duration: seconds, at most; an exploration takes so long.
+        seed: of the exploration.
+        start: x and y, metres; None: the first waypoint, else the free place nearest to the middle of the scene.
+        waypoints: (x, y), metres: shortest ways from one to the next; none: explore.
+        trajectory: a file of poses to follow exactly, instead of driving.
+        pose_frame: what the file's poses mean.
+        floor_z: height of the floor, metres; None: found.
+        scene: how a scene's file is read.
+        render: how images are rendered.
+        overwrite: replace a bag.
+    """
+
+    camera: Camera = field(default_factory=lambda: Camera.from_fov(320, 240, 90.0))
+    robot: Robot = field(default_factory=Robot)
+    driving: Driving = field(default_factory=Driving)
+    duration: float = 60.0
+    seed: int = 0
+    start: tuple[float, float] | None = None
+    waypoints: tuple[tuple[float, float], ...] = ()
+    trajectory: Path | None = None
+    pose_frame: str = "auto"
+    floor_z: float | None = None
+    scene: SceneOptions = field(default_factory=SceneOptions)
+    render: RenderOptions = field(default_factory=lambda: RenderOptions(samples=2))
+    overwrite: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A recording that was made.
+
+    Attributes:
+        frames: how many.
+        trajectory: the poses that were planned.
+        world: what was seen.
+        free_area: square metres in which the robot could go; None where it followed a file.
+        is_interrupted: Ctrl-C ended it early; the bag holds what was recorded.
+    """
+
+    frames: int
+    trajectory: Trajectory
+    world: World
+    free_area: float | None
+    is_interrupted: bool
+
+    @property
+    def run(self) -> Trajectory:
+        """The poses of the frames that were recorded."""
+        return self.trajectory.select(np.arange(self.frames))
+
+
+def record(
+    scene: str, output: Path, options: RecordOptions, *, device: str = "cpu", clock: Stopwatch | None = None
+) -> Recorded:
+    """Send a robot through a scene and record what its camera sees, with exact poses, in the form of MAOMaps bags.
+
+    Args:
+        scene: a file, or "flat" or "flat:SEED", the built-in furnished flat.
+        output: NAME.bag (ROS 1), NAME.mcap (ROS 2, one file) or NAME (ROS 2, a folder).
+        options: see there.
+        device: Warp device.
+        clock: collects the stages' times.
+
+    Raises:
+        InputError: the scene or a place cannot be used, or the bag cannot be written.
+    """
+    clock = clock or Stopwatch()
+    kind = bag_kind(output)
+    check_new_bag(output, overwrite=options.overwrite)
+    with clock.stage("read scene"):
+        world = _world(scene, options.scene)
+    free_area = None
+    if options.trajectory is not None:
+        trajectory = _followed(options)
+    else:
+        with clock.stage("free space"):
+            places = [*([] if options.start is None else [options.start]), *options.waypoints]
+            around = np.array(places[0]) if places else None
+            space = find_free_space(world, options.robot, around=around, floor_z=options.floor_z, device=device)
+            free_area = space.area
+        with clock.stage("plan"):
+            trajectory = _driven(world, space, options)
+    frames = 0
+    with clock.stage("record") as progress, _asked_to_stop() as stop:
+        stream = render_frames(world, options.camera, trajectory, device, options.render)
+
+        def read(with_colors: bool) -> Iterator[Frame]:
+            nonlocal frames
+            for frame in stream.read(with_colors):
+                yield frame
+                frames += 1
+                progress(frames, len(trajectory))
+                if stop.is_set():
+                    return
+
+        watched = replace(stream, read=read)
+        write_rgbd_bag(output, watched, trajectory, kind=kind, topics=MAOMAPS_TOPICS, overwrite=options.overwrite)
+    return Recorded(frames, trajectory, world, free_area, frames < len(trajectory))
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[Event]:
+    """Set by the first Ctrl-C, so that the bag is closed; the second interrupts as usual, and nothing is left."""
+    asked = Event()
+    if current_thread() is not main_thread():
+        yield asked
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _world(scene: str, options: SceneOptions) -> World:
+    name, colon, seed = scene.partition(":")
+    if name == FLAT and not Path(scene).exists():
+        if colon and not seed.isdecimal():
+            raise InputError(scene, f"{seed!r} is no seed", "flat:SEED takes a whole number, flat is flat:0")
+        return furnished_flat(int(seed) if colon else 0).world
+    return read_world(Path(scene), options)
+
+
+def _followed(options: RecordOptions) -> Trajectory:
+    assert options.trajectory is not None
+    trajectory = read_trajectory(options.trajectory, pose_frame=options.pose_frame)
+    if trajectory.stamps_ns is None:
+        steps = np.rint(np.arange(len(trajectory)) * (1e9 / options.driving.rate_hz)).astype(np.int64)
+        trajectory = replace(trajectory, stamps_ns=START_NS + steps)
+    return trajectory
+
+
+def _driven(world: World, space: FreeSpace, options: RecordOptions) -> Trajectory:
+    planner = Planner(space)
+    places = [*([options.start] if options.start is not None else []), *options.waypoints]
+    wanted = [_free_place(space, np.array(place), options.robot) for place in places]
+    if len(options.waypoints) + (options.start is not None) >= 2 and options.waypoints:
+        way = planner.round_trip(np.stack(wanted))
+    else:
+        start = wanted[0] if wanted else space.nearest(world.bounds[:, :2].mean(axis=0))
+        way = planner.exploration(start, options.driving.speed * options.duration, options.seed)
+    if len(way) < 2:
+        raise InputError("--waypoint", "all of them are one place", "give two places, or none to explore")
+    height = space.floor_z + options.robot.camera_height
+    return drive_along(rounded(way, space), height, options.driving, options.duration)
+
+
+def _free_place(space: FreeSpace, place: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+    if not space.holds(place[None])[0]:
+        nearest = space.nearest(place)
+        raise InputError(
+            f"({place[0]:g}, {place[1]:g})",
+            f"no place for a robot of radius {robot.radius:g} m, or cut off from the others or the largest free space",
+            f"the nearest free place is ({nearest[0]:.2f}, {nearest[1]:.2f})",
+        )
+    return place
