@@ -5,7 +5,6 @@ Order, timing and progress live here; the mathematics lives in `scoring` and `ma
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +19,7 @@ from maomaps_warp.model.pose_convention import parse_convention
 from maomaps_warp.model.results import InputSummary, NearestScore, NoValue, RayScore, Score, TrajectoryScore
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.model.voxels import VoxelMap
-from maomaps_warp.protocol import PRESETS, Protocol, changes_of
+from maomaps_warp.protocol import PRESETS, Caster, Protocol, changes_of
 from maomaps_warp.scoring.pairing import pair_and_align
 from maomaps_warp.scoring.summaries import absolute_score, nearest_score, ray_score, relative_score
 from maomaps_warp.stopwatch import Stopwatch
@@ -178,13 +177,8 @@ def _associate(
     from maomaps_warp.mapping.cloud_map import octomap_leaves
     from maomaps_warp.scoring.association import ViewRules, associate_maps
 
-    build: Callable[[VoxelMap, str], Any]
-    if protocol.caster == "mesh":
-        from maomaps_warp.mapping.surface import build_surface as build
-    else:
-        from maomaps_warp.mapping.distance_field import build_voxel_field as build
     with clock.stage("surfaces"):
-        gt_surface, est_surface = build(gt.voxels, device), build(est.voxels, device)
+        gt_surface, est_surface = _surfaces(gt.voxels, est.voxels, protocol.caster, device)
         elements = octomap_leaves(est.voxels) if protocol.prune_leaves else est.voxels.points
     rules = ViewRules(
         camera,
@@ -205,6 +199,16 @@ def _associate(
             first_surface_is_estimate=protocol.est_point == "first-surface",
             progress=progress,
         )
+
+
+def _surfaces(gt: VoxelMap, est: VoxelMap, caster: Caster, device: str) -> tuple[Any, Any]:
+    if caster == "mesh":
+        from maomaps_warp.mapping.surface import build_surface
+
+        return build_surface(gt, device), build_surface(est, device)
+    from maomaps_warp.mapping.distance_field import build_voxel_fields
+
+    return build_voxel_fields(gt, est, device)
 
 
 def _summary(source: Source, side: SideMap | None) -> InputSummary:

@@ -25,7 +25,7 @@ from maomaps_warp.kernels.association_sight import Bricks, Rows, Sight
 from maomaps_warp.kernels.modules import PACKETS
 from maomaps_warp.kernels.voxel_rays import lanes_i
 
-__all__ = ["FIRST", "LAST", "NEAREST", "associate_packets", "associate_packets_all", "collect_rows"]
+__all__ = ["FIRST", "LAST", "NEAREST", "associate_packets", "associate_packets_all", "collect_rows", "create_rows"]
 
 
 @wp.kernel(module=PACKETS)
@@ -115,21 +115,26 @@ def associate_packets(bricks: Bricks, sight: Sight, choice: int, elements: int) 
     return outs
 
 
-def associate_packets_all(bricks: Bricks, sight: Sight, packets: int, elements: int) -> tuple[wp.array, wp.array, Rows]:
-    """Transfer the ray of every element from every pose that sees it.
-
-    Args:
-        bricks, sight, elements: see `associate_packets`.
-        packets: packets of sixteen elements that the bricks fill; each may take a row for each pose.
-
-    Returns:
-        Best status of each element, (N,) int32; its number of correspondences, (N,) int32; rows for `collect_rows`.
-    """
-    room = packets * len(sight.poses.est_position)
+def create_rows(room: int) -> Rows:
+    """Memory for so many pairs of a packet and a pose, on the CPU; a launch after the other may use it."""
     rows = Rows()
     rows.used = wp.zeros(1, dtype=wp.int32, device="cpu")
     rows.place, rows.pose = (wp.empty(room, dtype=wp.int32, device="cpu") for _ in range(2))
     rows.est_voxel, rows.gt_voxel = (wp.empty(room, dtype=lanes_i, device="cpu") for _ in range(2))
+    return rows
+
+
+def associate_packets_all(bricks: Bricks, sight: Sight, rows: Rows, elements: int) -> tuple[wp.array, wp.array]:
+    """Transfer the ray of every element from every pose that sees it.
+
+    Args:
+        bricks, sight, elements: see `associate_packets`.
+        rows: room for each pose and each packet of sixteen elements that the bricks fill; filled for `collect_rows`.
+
+    Returns:
+        Best status of each element, (N,) int32; its number of correspondences, (N,) int32.
+    """
+    rows.used.zero_()
     status, count = (wp.empty(elements, dtype=wp.int32, device="cpu") for _ in range(2))
     wp.launch(
         _every_pose_kernel,
@@ -138,7 +143,7 @@ def associate_packets_all(bricks: Bricks, sight: Sight, packets: int, elements: 
         outputs=[status, count, rows],
         device="cpu",
     )
-    return status, count, rows
+    return status, count
 
 
 def collect_rows(
@@ -147,7 +152,7 @@ def collect_rows(
     """Correspondences of rows in ascending order of element and pose.
 
     Args:
-        rows: from `associate_packets_all`.
+        rows: as `associate_packets_all` filled them.
         bricks: the same.
         first_element: number of the first element.
         next_pair: (N,) int32, where the correspondences of each element begin; moved to where they end.

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from maomaps_warp.errors import CapacityError
 from maomaps_warp.model.voxels import pack_keys, unpack_keys
-from maomaps_warp.threads import thread_count
 
 #: 256 bytes each: 4 GB. Elements of `clearance` have int32 numbers, enough for twice as many.
 MOST_BRICKS = 1 << 24
@@ -17,7 +16,7 @@ MOST_BRICKS = 1 << 24
 _NEAR = 2
 
 
-def fill_with_bricks(field: Any, ijk: NDArray[np.int32], device: str) -> None:
+def fill_with_bricks(field: Any, ijk: NDArray[np.int32], device: str, threads: int = 1) -> None:
     """Fill a field that is laid out with bricks where voxels are near.
 
     Memory grows with the occupied volume alone: 256 bytes for each brick of 8 x 8 x 8 cells within two of a voxel's.
@@ -26,6 +25,7 @@ def fill_with_bricks(field: Any, ijk: NDArray[np.int32], device: str) -> None:
         field: kernels.distance_field.DistanceField of a box around `ijk`.
         ijk: (N, 3) int32, the map's voxels.
         device: Warp device.
+        threads: on a CPU.
 
     Raises:
         CapacityError: more than MOST_BRICKS.
@@ -55,7 +55,7 @@ def fill_with_bricks(field: Any, ijk: NDArray[np.int32], device: str) -> None:
         places,
         wp.array(words, dtype=wp.uint64, device=device),
         (field.nx, field.ny, field.nz),
-        threads=thread_count(device),
+        threads=threads,
     )
     field.is_bricked = True
     field.clearance = clearance.flatten()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,7 +35,20 @@ class VoxelField:
     device: str
 
 
-def build_voxel_field(voxels: VoxelMap, device: str = "cpu", *, dense_bytes: int = DENSE_BYTES) -> VoxelField:
+def build_voxel_fields(first: VoxelMap, second: VoxelMap, device: str = "cpu") -> tuple[VoxelField, VoxelField]:
+    """The fields of two maps: on a CPU side by side, which shares its cores better than one after the other does."""
+    threads = thread_count(device)
+    build = partial(build_voxel_field, device=device, threads=max(1, threads // 2))
+    if threads < 2:
+        return build(first), build(second)
+    with ThreadPoolExecutor(2) as pool:
+        fields = pool.map(build, (first, second))
+        return next(fields), next(fields)
+
+
+def build_voxel_field(
+    voxels: VoxelMap, device: str = "cpu", *, dense_bytes: int = DENSE_BYTES, threads: int | None = None
+) -> VoxelField:
     """Build the distance field of a map.
 
     Args:
@@ -41,6 +56,7 @@ def build_voxel_field(voxels: VoxelMap, device: str = "cpu", *, dense_bytes: int
         device: Warp device.
         dense_bytes: where a dense field would take more, the field is made of bricks: slower to build and to cast rays
             through, with the same hits.
+        threads: on a CPU; None: as many as `thread_count` says.
 
     Raises:
         ValueError: the map is empty.
@@ -56,12 +72,13 @@ def build_voxel_field(voxels: VoxelMap, device: str = "cpu", *, dense_bytes: int
     lower = int(i[0]), int(j.min()), int(k.min())
     upper = int(i[-1]), int(j.max()), int(k.max())
     size, offset = voxels.grid.voxel_size, voxels.grid.center_offset
+    threads = thread_count(device) if threads is None else threads
     if dense_bytes_of(lower, upper) <= dense_bytes:
         ijk = wp.array(voxels.ijk, dtype=wp.vec3i, device=device, copy=False)
-        field = build_distance_field(ijk, lower, upper, size, offset, threads=thread_count(device))
+        field = build_distance_field(ijk, lower, upper, size, offset, threads=threads)
     else:
         field = lay_out_field(lower, upper, size, offset)
-        fill_with_bricks(field, voxels.ijk, device)
+        fill_with_bricks(field, voxels.ijk, device, threads)
     return VoxelField(voxels, field, device)
 
 

@@ -50,7 +50,7 @@ _V4 = _V3 | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
 
 #: Best first; the levels are those of the x86-64 psABI.
 TARGETS = (
-    Target("x86-64-v4", "x86_64", "-target-cpu x86-64-v4", _V4),
+    Target("x86-64-v4", "x86_64", "-target-cpu x86-64-v4 -mprefer-vector-width=512", _V4),
     Target("x86-64-v3", "x86_64", "-target-cpu x86-64-v3", _V3),
     Target("aarch64", "aarch64", "", frozenset()),
 )

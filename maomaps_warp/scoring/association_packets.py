@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +53,7 @@ class PacketSearch:
         self.sight.view = view_of(rules)
         self.sight.est, self.sight.gt = est.field, gt.field
         self.sight.tolerance = rules.occlusion_tolerance
+        self._own = threading.local()
 
     def chunks(self) -> list[slice]:
         """Elements of one launch each: neighbours, as maps list their voxels in order."""
@@ -87,13 +89,21 @@ class PacketSearch:
             status = np.concatenate([half[0] for half in halves])
             return status, Found(*(np.concatenate(columns) for columns in zip(*(h[1] for h in halves), strict=True)))
         on_device = _kernel_bricks(bricks)
-        statuses, counts, found = kernels.associate_packets_all(
-            on_device, self.sight, bricks.packets, len(bricks.order)
-        )
+        rows_found = self._room_for(bricks.packets * self.poses)
+        statuses, counts = kernels.associate_packets_all(on_device, self.sight, rows_found, len(bricks.order))
         count = counts.numpy()
         first = wp.array(np.cumsum(count, dtype=np.int32) - count, dtype=wp.int32, device="cpu")
-        outs = kernels.collect_rows(found, on_device, rows.start, first, int(count.sum()))
+        outs = kernels.collect_rows(rows_found, on_device, rows.start, first, int(count.sum()))
         return statuses.numpy(), Found(*(out.numpy() for out in outs))
+
+    def _room_for(self, rows: int) -> Any:
+        """Rows of this thread, made once: fresh memory costs more to touch than to fill."""
+        from maomaps_warp.kernels.association_packets import create_rows
+
+        if getattr(self._own, "room", -1) < rows:
+            self._own.room = max(rows, _CHUNK_ROWS)
+            self._own.rows = create_rows(self._own.room)
+        return self._own.rows
 
 
 def _kernel_bricks(bricks: ElementBricks) -> Any:

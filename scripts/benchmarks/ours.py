@@ -64,8 +64,13 @@ def distances(
 
 def structures(flat: Flat, device: str, *, plain: bool = False) -> tuple[Any, Any]:
     """What the rays of association are cast into, estimate and ground truth; `plain`: meshes for the plain kernels."""
-    build = mesh_surface if plain else ray_field
-    return build(flat.est_map, device), build(flat.gt_map, device)
+    if plain:
+        return mesh_surface(flat.est_map, device), mesh_surface(flat.gt_map, device)
+    from maomaps_warp.mapping.distance_field import build_voxel_fields
+
+    fields = build_voxel_fields(flat.est_map, flat.gt_map, device)
+    finish(device)
+    return fields
 
 
 def associate(
