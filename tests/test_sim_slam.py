@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.agent import drive
 from maomaps_warp.sim.scene import furnished_flat
-from maomaps_warp.sim.slam import SlamDisturbance, disturbed_frames, disturbed_trajectory
+from maomaps_warp.sim.slam import SlamDisturbance, closed_loops, disturbed_frames, disturbed_trajectory, kept_poses
 
 #: No disturbance of the poses, and none of the depth.
 STILL = {
@@ -34,6 +35,8 @@ CLEAR = {
 ROUNDING = 1e-6
 #: Share: a standard deviation from 20,000 samples is good to about 0.5 %.
 SPREAD_TOLERANCE = 0.03
+#: The only frame of a stream.
+ONE = np.array([0])
 
 
 def gt_drive(seed: int = 0, frames: int = 240) -> Trajectory:
@@ -52,7 +55,7 @@ def stream_of(*depths: np.ndarray) -> FrameStream:
 
 def sensed(depth: np.ndarray, **settings: float) -> np.ndarray:
     disturbance = SlamDisturbance(**{**CLEAR, **settings})
-    return next(disturbed_frames(stream_of(depth), disturbance).read(False)).depth
+    return next(disturbed_frames(stream_of(depth), disturbance, ONE).read(False)).depth
 
 
 def ate(gt: Trajectory, est: Trajectory) -> float:
@@ -65,7 +68,7 @@ def test_no_disturbance_changes_nothing() -> None:
     np.testing.assert_allclose(disturbed_trajectory(gt, nothing).T_world_camera, gt.T_world_camera, rtol=0, atol=1e-12)
     depth = np.random.default_rng(0).uniform(0.4, 9.0, (20, 30))
     depth[3, 4] = 0.0
-    frame = next(disturbed_frames(stream_of(depth), nothing).read(True))
+    frame = next(disturbed_frames(stream_of(depth), nothing, ONE).read(True))
     np.testing.assert_allclose(frame.depth, depth, rtol=ROUNDING)
 
 
@@ -135,22 +138,23 @@ def test_keyframes_of_trajectory_and_frames_are_the_same_and_keep_their_stamps()
     np.testing.assert_array_equal(keyframes.stamps_ns, gt.stamps_ns[::4])
     np.testing.assert_array_equal(keyframes.T_world_camera, every.T_world_camera[::4])
     stream = stream_of(*(np.full((12, 16), 2.0) for _ in range(25)))
-    kept = disturbed_frames(stream, disturbance)
+    kept = disturbed_frames(stream, disturbance, kept_poses(gt, disturbance))
     frames = list(kept.read(True))
     assert kept.count == len(frames) == len(keyframes)
     assert [f.index for f in frames] == list(range(7))
     assert [f.stamp_ns for f in frames] == [1000 + 4 * i for i in range(7)]
-    everything = list(disturbed_frames(stream, SlamDisturbance()).read(True))
+    everything = list(disturbed_frames(stream, SlamDisturbance(), np.arange(25)).read(True))
     for frame in frames:
         assert frame.colors is not None and frame.colors.max() == 4 * frame.index
         np.testing.assert_array_equal(frame.depth, everything[4 * frame.index].depth)
 
 
 def test_reading_twice_gives_the_same_bytes_and_frames_differ_from_one_another() -> None:
-    stream = disturbed_frames(stream_of(*(np.full((12, 16), 2.0) for _ in range(3))), SlamDisturbance(seed=4))
+    frames = stream_of(*(np.full((12, 16), 2.0) for _ in range(3)))
+    stream = disturbed_frames(frames, SlamDisturbance(seed=4), np.arange(3))
     first, second = ([f.depth.tobytes() for f in stream.read(False)] for _ in range(2))
     assert first == second and len(set(first)) == 3
-    other = disturbed_frames(stream_of(np.full((12, 16), 2.0)), SlamDisturbance(seed=5))
+    other = disturbed_frames(stream_of(np.full((12, 16), 2.0)), SlamDisturbance(seed=5), ONE)
     assert next(other.read(False)).depth.tobytes() != first[0]
     gt = gt_drive()
     a, b, c = (disturbed_trajectory(gt, SlamDisturbance(seed=s)).T_world_camera.tobytes() for s in (1, 1, 2))
@@ -206,8 +210,54 @@ def test_a_drive_without_steps_or_poses_has_no_drift() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{"keyframe_every": 0}, {"seed": -1}, {"drift_length": 0.0}, {"depth_noise": -1.0}, {"max_depth": 0.1}],
+    [{"keyframe_every": 0}, {"seed": -1}, {"drift_length": 0.0}, {"depth_noise": -1.0}, {"max_depth": 0.1}]
+    + [
+        {"closures": -1},
+        {"closure_correction": 1.5},
+        {"losses": -1},
+        {"loss_length": 0.0},
+        {"depth_scale_error": -1.0},
+    ],
 )
 def test_senseless_settings_are_refused(settings: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(settings))):
         SlamDisturbance(**settings)
+
+
+def test_a_closed_loop_takes_back_its_share_of_the_drift_which_then_starts_anew() -> None:
+    gt = gt_drive(2)
+    open_loop = SlamDisturbance(seed=2, position_jitter=0.0, rotation_jitter=0.0)
+    closing = replace(open_loop, closures=3, closure_correction=1.0)
+    at = closed_loops(gt.positions, closing)
+    assert len(at) == 3
+    drifted, closed = (disturbed_trajectory(gt, d) for d in (open_loop, closing))
+    np.testing.assert_array_equal(closed.T_world_camera[: at[0]], drifted.T_world_camera[: at[0]])
+    np.testing.assert_allclose(closed.T_world_camera[at], gt.T_world_camera[at], rtol=0, atol=1e-12)
+    jumps = np.linalg.norm(np.diff(closed.positions - gt.positions, axis=0), axis=1)
+    assert jumps[at - 1].min() > 3 * np.median(jumps)
+    assert ate(gt, closed) < 0.6 * ate(gt, drifted)
+    half = disturbed_trajectory(gt, replace(closing, closures=1, closure_correction=0.5))
+    (once,) = closed_loops(gt.positions, replace(closing, closures=1))
+    error = drifted.positions[once] - gt.positions[once]
+    np.testing.assert_allclose(half.positions[once] - gt.positions[once], 0.5 * error, rtol=0, atol=1e-9)
+
+
+def test_where_tracking_is_lost_poses_and_their_frames_are_missing_together() -> None:
+    gt = gt_drive(3)
+    losing = SlamDisturbance(seed=3, losses=2, loss_length=0.8)
+    kept, est = kept_poses(gt, losing), disturbed_trajectory(gt, losing)
+    assert kept[0] == 0 and gt.stamps_ns is not None
+    np.testing.assert_array_equal(est.stamps_ns, gt.stamps_ns[kept])
+    gaps = np.flatnonzero(np.diff(kept) > 1)
+    assert 1 <= len(gaps) <= 2
+    for gap in gaps:
+        missing = gt.positions[kept[gap] : kept[gap + 1] + 1]
+        assert 0.7 < np.linalg.norm(np.diff(missing, axis=0), axis=1).sum() < 2.0
+    np.testing.assert_array_equal(kept, kept_poses(gt, losing))
+    everything = disturbed_trajectory(gt, replace(losing, losses=0))
+    np.testing.assert_array_equal(est.T_world_camera, everything.T_world_camera[kept])
+
+
+def test_a_depth_scale_error_is_a_factor() -> None:
+    depth = np.random.default_rng(7).uniform(0.5, 4.0, (20, 30))
+    np.testing.assert_allclose(sensed(depth, depth_scale_error=0.1), 1.1 * depth, rtol=ROUNDING)

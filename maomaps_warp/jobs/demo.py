@@ -18,7 +18,7 @@ from maomaps_warp.sim.agent import drive
 from maomaps_warp.sim.recorder import write_rgbd_bag
 from maomaps_warp.sim.render import in_memory, render_frames
 from maomaps_warp.sim.scene import furnished_flat
-from maomaps_warp.sim.slam import SlamDisturbance, disturbed_frames, disturbed_trajectory
+from maomaps_warp.sim.slam import SlamDisturbance, disturbed_frames, disturbed_trajectory, kept_poses
 from maomaps_warp.stopwatch import Stopwatch
 
 #: Pixels. Half of the data set's size each way: the demonstration has a minute on two cores, compilation included.
@@ -67,8 +67,8 @@ def make_demo(folder: Path, *, frames: int, seed: int, device: str, clock: Stopw
         write_rgbd_bag(files.ros1_bag, stream, gt, kind="ros1")
         write_rgbd_bag(files.mcap_bag, stream, gt, kind="ros2")
     disturbance = SlamDisturbance(seed=seed)
-    est = disturbed_trajectory(gt, disturbance)
-    source = Source("simulated SLAM", "simulation", est, frames=disturbed_frames(stream, disturbance))
+    est, kept = disturbed_trajectory(gt, disturbance), kept_poses(gt, disturbance)
+    source = Source("simulated SLAM", "simulation", est, frames=disturbed_frames(stream, disturbance, kept))
     rules = PRESETS["maomaps"]
     grid = VoxelGrid.around(est.positions, rules.voxel_size)
     built = build_side("SLAM's own map", source, Alignment(), grid, rules, device, clock, with_colors=True)

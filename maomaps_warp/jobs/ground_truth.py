@@ -60,7 +60,7 @@ def open_recording(
     camera = parse_camera(protocol.camera) if protocol.camera else options.camera
     options = replace(options, camera=camera, max_color_gap_ns=round(protocol.color_gap * 1e9))
     source = open_source(path, options, "one", trajectory_path=trajectory_path)
-    _frames(source)
+    frames_of(source)
     if recognise_bag(path) or options.max_color_gap_ns == AS_IT_COMES.max_color_gap_ns:
         return source
     note = "color_gap has no effect: the folder's own layout says which colours belong to which depth image"
@@ -93,8 +93,8 @@ def build_ground_truth(
     from maomaps_warp.mapping.voxel_map import DepthLimits, build_voxel_map
 
     clock = clock or Stopwatch()
-    stream = _frames(source)
-    trajectory, notes = _with_known_convention(source, stream, clock)
+    stream = frames_of(source)
+    trajectory, notes = with_known_convention(source, stream, clock)
     notes += (*_jump_notes(trajectory), *_up_notes(trajectory))
     with clock.stage("start device"):
         used_device = resolve_device(device, "map")
@@ -118,7 +118,8 @@ def build_ground_truth(
     return GroundTruth(voxels, trajectory, counts, (*source.notes, *notes, *ceiling_notes), used_device)
 
 
-def _frames(source: Source) -> FrameStream:
+def frames_of(source: Source) -> FrameStream:
+    """The depth images of a recording; raises InputError where there are none."""
     if source.frames is None:
         held = "points" if source.cloud is not None else "poses"
         raise InputError(
@@ -130,7 +131,7 @@ def _frames(source: Source) -> FrameStream:
     return source.frames
 
 
-def _with_known_convention(source: Source, stream: FrameStream, clock: Stopwatch) -> tuple[Trajectory, tuple[str, ...]]:
+def with_known_convention(source: Source, stream: FrameStream, clock: Stopwatch) -> tuple[Trajectory, tuple[str, ...]]:
     """The trajectory as declared, or as the depth images prove it to be meant, with a note."""
     from maomaps_warp.checking.proof import prove_convention, recorded_poses
 
