@@ -23,14 +23,6 @@ SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
 SQUARE_UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
 
 
-@pytest.fixture(params=["cpu", "cuda:0"])
-def device(request: pytest.FixtureRequest) -> str:
-    wp.init()
-    if request.param not in [d.alias for d in wp.get_devices()]:
-        pytest.skip(f"no {request.param} here")
-    return request.param
-
-
 def scene(
     vertices: np.ndarray, faces: np.ndarray, device: str, *, both_sides: bool = True, **look: object
 ) -> MeshScene:

@@ -28,14 +28,6 @@ LOOKING_ALONG_X = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
 CAMERA = Camera(61, 45, 40.0, 42.0, 31.3, 20.8)
 
 
-@pytest.fixture(params=["cpu", "cuda:0"])
-def device(request: pytest.FixtureRequest) -> str:
-    wp.init()
-    if request.param not in [d.alias for d in wp.get_devices()]:
-        pytest.skip(f"no {request.param} here")
-    return request.param
-
-
 def mesh_of(boxes: list[np.ndarray], device: str) -> wp.Mesh:
     mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=bounds) for bounds in boxes])
     return wp.Mesh(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from benchmarks import association_works, command_works, map_works, memory_works, nearest_works, ray_works
+from benchmarks import association_works, command_works, map_works, memory_works, nearest_works, ray_works, render_works
 from benchmarks.rows import Row, Skipped
 from benchmarks.setting import Setting
 
@@ -39,6 +39,7 @@ WORKS: dict[str, Work] = {
     "associate-all": Work(association_works.every_pose),
     "threads": Work(association_works.threads_nearest, cpu_only=True),
     "threads-all": Work(association_works.threads_all, cpu_only=True),
+    "render": Work(render_works.depth),
     "score": Work(command_works.warm),
     "score-cold": Work(command_works.cold),
     "memory": Work(memory_works.peak_memory, cpu_only=True),
