@@ -66,6 +66,16 @@ def test_the_robot_goes_along_waypoints(tmp_path: Path) -> None:
     np.testing.assert_allclose(trajectory.positions[[0, -1], :2], [first, second], rtol=0, atol=0.15)
 
 
+def test_one_waypoint_is_a_goal_from_the_middle(tmp_path: Path) -> None:
+    goal = furnished_flat(0).tour[8]
+    done = record("flat:0", tmp_path / "run.bag", "--waypoint", f"{goal[0]:.3f},{goal[1]:.3f}")
+    assert done.exit_code == 0, done.output
+    trajectory, _ = read(tmp_path / "run.bag")
+    np.testing.assert_allclose(trajectory.positions[-1, :2], goal, rtol=0, atol=0.15)
+    middle = furnished_flat(0).world.bounds[:, :2].mean(axis=0)
+    assert np.linalg.norm(trajectory.positions[0, :2] - middle) < 1.5 < trajectory.path_length
+
+
 def test_a_trajectory_is_followed_exactly(tmp_path: Path) -> None:
     from maomaps_warp.sim.agent import drive
 
@@ -112,6 +122,9 @@ def test_a_recording_is_proved_by_check_and_mapped(tmp_path: Path) -> None:
         (("--trajectory", "t.txt", "--start", "0,0"), "give one or the other"),
         (("--camera", "wide"), "wide"),
         (("--speed", "0"), "must be positive"),
+        (("--speed", "inf"), "must be positive"),
+        (("--robot-height", "inf"), "camera_height <= height"),
+        (("--radius", "inf"), "needs a radius"),
     ],
 )
 def test_what_cannot_be_recorded_is_one_line_and_leaves_nothing(

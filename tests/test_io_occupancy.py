@@ -23,9 +23,9 @@ from maomaps_warp.io.occupancy_maps import (
 )
 from maomaps_warp.model.occupancy import Cell, OccupancyGrid
 
-U, F, O = int(Cell.UNKNOWN), int(Cell.FREE), int(Cell.OCCUPIED)  # noqa: E741
+U, F, X = int(Cell.UNKNOWN), int(Cell.FREE), int(Cell.OCCUPIED)
 #: Two rows, the lower one first.
-CELLS = np.array([[U, F, O], [O, O, F]], dtype=np.uint8)
+CELLS = np.array([[U, F, X], [X, X, F]], dtype=np.uint8)
 
 
 def grid(cells=CELLS, resolution=0.05, origin=(-1.625, 2.5, 0.0)):
@@ -92,24 +92,24 @@ def test_numbers_in_the_yaml_have_a_point_so_that_yaml_1_1_reads_numbers(tmp_pat
 
 def test_thresholds_are_those_of_map_server(tmp_path):
     # p = (255 - v) / 255: 89 -> 0.651, 90 -> 0.647; 205 -> 0.19608, 206 -> 0.192.
-    assert read_pixels(tmp_path, [[0, 89, 90, 205, 206, 254]]) == [[O, O, U, U, F, F]]
+    assert read_pixels(tmp_path, [[0, 89, 90, 205, 206, 254]]) == [[X, X, U, U, F, F]]
 
 
 def test_a_negated_image_has_bright_obstacles(tmp_path):
     for yes in ("1", "true"):
-        assert read_pixels(tmp_path, [[255, 166, 165, 50, 49, 0]], negate=yes) == [[O, O, U, U, F, F]]
+        assert read_pixels(tmp_path, [[255, 166, 165, 50, 49, 0]], negate=yes) == [[X, X, U, U, F, F]]
 
 
 def test_scale_keeps_only_what_is_certain_and_raw_reads_per_cent(tmp_path):
-    assert read_pixels(tmp_path, [[0, 100, 254]], mode="scale") == [[O, U, F]]
-    assert read_pixels(tmp_path, [[0, 19, 20, 65, 66, 100, 101, 255]], mode="raw") == [[F, F, U, U, O, O, U, U]]
+    assert read_pixels(tmp_path, [[0, 100, 254]], mode="scale") == [[X, U, F]]
+    assert read_pixels(tmp_path, [[0, 19, 20, 65, 66, 100, 101, 255]], mode="raw") == [[F, F, U, U, X, X, U, U]]
 
 
 def test_transparent_pixels_are_unknown_and_colours_are_averaged(tmp_path):
     pixels = [[[0, 0, 0, 255], [0, 0, 0, 254], [255, 255, 255, 0], [255, 255, 255, 255]]]
-    assert read_pixels(tmp_path, pixels) == [[O, U, U, F]]
+    assert read_pixels(tmp_path, pixels) == [[X, U, U, F]]
     # The mean of 255, 0, 0 is 85: p = 0.667. Luminance would be 76.
-    assert read_pixels(tmp_path, [[[255, 0, 0], [255, 255, 0]]]) == [[O, U]]
+    assert read_pixels(tmp_path, [[[255, 0, 0], [255, 255, 0]]]) == [[X, U]]
 
 
 def test_defaults_of_a_pair_and_an_image_elsewhere(tmp_path):
@@ -117,7 +117,7 @@ def test_defaults_of_a_pair_and_an_image_elsewhere(tmp_path):
     write_image(tmp_path / "images" / "a.pgm", [[0, 254]])
     for image in ("images/a.pgm", tmp_path / "images" / "a.pgm"):
         found = read_occupancy(write_yaml(tmp_path / "map.yaml", image, negate=None))
-        assert found.cells.tolist() == [[O, F]]
+        assert found.cells.tolist() == [[X, F]]
         assert found.origin == (1.0, -2.0, 0.5)
 
 
@@ -225,7 +225,7 @@ def test_the_last_grid_of_a_bag_is_read_with_its_origin(tmp_path, kind):
     yaw = -2.1
     newer = grid_message(kind, values, 4, xyzw=(0, 0, math.sin(yaw / 2), math.cos(yaw / 2)))
     found = read_occupancy(write_grids(tmp_path, kind, older, newer))
-    assert found.cells.tolist() == [[U, F, F, U], [U, O, O, U]]
+    assert found.cells.tolist() == [[U, F, F, U], [U, X, X, U]]
     assert found.resolution == 0.05
     assert found.origin == pytest.approx((1.0, -2.0, yaw), abs=1e-12)
     assert found.frame_id == "map"
@@ -238,7 +238,7 @@ def test_of_several_topics_one_must_be_named(tmp_path):
     path = write_grids(tmp_path, kind, grid_message(kind, [0], 1), more=other)
     with pytest.raises(InputError, match=r"2 topics with maps of the ground.*--gt-topic NAME.*/local.*/map"):
         read_occupancy(path, (), "--gt-topic")
-    assert read_occupancy(path, ["local"]).cells.tolist() == [[O]]
+    assert read_occupancy(path, ["local"]).cells.tolist() == [[X]]
     with pytest.raises(InputError, match="no topic /nowhere"):
         read_occupancy(path, ["/nowhere"])
 

@@ -170,7 +170,10 @@ def test_frames_without_colours_are_left_out_and_counted_where_colours_are_wante
     depths = [np.full((48, 64), z, np.float32) for z in (1.0, 2.0, 3.0)]
     shade = np.full((48, 64, 3), 7, np.uint8)
     frames = stream(depths, [shade, None, shade])
-    pose_of_frame = lambda f: None if f.index == 2 else np.eye(4)  # noqa: E731
+
+    def pose_of_frame(frame):
+        return None if frame.index == 2 else np.eye(4)
+
     made = build_voxel_map(frames, pose_of_frame, grid(), DepthLimits(), colors="rounded", device=device)
     assert (made.frames, made.frames_without_pose, made.frames_without_color) == (3, 1, 1)
     assert made.counts["frames_without_color"] == 1

@@ -58,7 +58,10 @@ def test_walls_without_thickness_doors_lintels_and_table_tops_count() -> None:
     low_door = wall(4.5, 0.0, 4.0, bottom=1.0)  # a bar across the room at 1 m: the robot is 1.2 m high
     table = trimesh.creation.box(bounds=[[0.5, 2.5, 0.7], [1.5, 3.5, 0.75]])  # without legs
     space = find_free_space(world_of(room(), wall(2, 0, 1.5), wall(2, 2.5, 4), low_door, table), ROBOT)
-    inside = lambda x, y: bool(space.holds(np.array([[x, y]]))[0])  # noqa: E731
+
+    def inside(x: float, y: float) -> bool:
+        return bool(space.holds(np.array([[x, y]]))[0])
+
     assert inside(2.0, 2.0) and not inside(2.0, 1.0) and not inside(2.0, 1.6)
     assert not inside(5.5, 2.0), "nobody gets under the bar"
     assert not inside(1.0, 3.0), "the table's top is in the way"
@@ -156,7 +159,7 @@ def test_a_drive_is_smooth_looks_ahead_and_never_turns_too_fast(two_rooms: FreeS
     seconds = np.diff(trajectory.stamps_ns) / 1e9
     np.testing.assert_allclose(seconds, 0.05, rtol=0, atol=1e-9)
     speed = np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1) / seconds
-    assert speed.max() < 1.7 * driving.speed and speed[0] < 0.1 * driving.speed  # steps of a rounded way are uneven
+    assert speed.max() <= driving.speed * (1 + 1e-9) and speed[0] < 0.1 * driving.speed
     forward = trajectory.T_world_camera[:, :3, 2]
     np.testing.assert_allclose(forward[:, 2], np.sin(-0.1), rtol=0, atol=1e-12)
     yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))

@@ -61,7 +61,8 @@ class _Group(TyperGroup):
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = _LoadedOnUse()  # type: ignore[assignment]  # it is never written to
+        commands: Any = _LoadedOnUse()  # not a dict, as typer declares it, but never written to
+        self.commands = commands
 
     def list_commands(self, ctx: Any) -> list[str]:
         return list(self.commands)

@@ -13,8 +13,6 @@ from maomaps_warp.cli import EXIT_INTERRUPTED
 from maomaps_warp.cli.options import CameraText, Debug, Device, PoseFrame, camera_of
 from maomaps_warp.errors import InputError
 
-Place = Annotated[str | None, typer.Option(metavar="X,Y", help="Where to start, metres.")]
-
 
 def record(
     scene: Annotated[str, typer.Argument(help="A .glb, .gltf, .ply or .obj; or flat, flat:SEED: a furnished flat.")],
@@ -23,7 +21,7 @@ def record(
     ],
     duration: Annotated[float, typer.Option(metavar="S", help="How long, at most.")] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the exploration.")] = 0,
-    start: Place = None,
+    start: Annotated[str | None, typer.Option(metavar="X,Y", help="Where to start, metres.")] = None,
     waypoint: Annotated[
         list[str] | None, typer.Option(metavar="X,Y", help="Go there by the shortest way; repeatable. Else explore.")
     ] = None,
@@ -58,8 +56,8 @@ def record(
 ) -> None:
     """Send a virtual robot through a scene and record RGB, depth and exact poses, as MAOMaps bags have them.
 
-    It explores, goes along waypoints, or follows a trajectory. Ctrl-C ends the recording; the bag holds what was
-    recorded until then. Exit code 2: the scene or a place cannot be used, or the bag cannot be written.
+    It explores, goes along waypoints, or follows a trajectory. Ctrl-C ends the recording; the bag holds the frames
+    until then. Exit code 2: the scene or a place cannot be used, or the bag cannot be written.
     """
     from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
     from maomaps_warp.jobs import record as job

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,15 +46,8 @@ _EXACT = SlamDisturbance(
 DISTURBANCES: dict[str, SlamDisturbance] = {
     "none": _EXACT,
     "rgbd": SlamDisturbance(),
-    "cnn": SlamDisturbance(
-        scale_error=0.05,
-        yaw_drift=0.02,
-        position_drift=0.04,
-        depth_noise=0.02,
-        disparity_step=0.0,
-        edge_threshold=0.0,
-        border=0,
-        depth_scale_error=0.08,
+    "cnn": replace(
+        _EXACT, scale_error=0.05, yaw_drift=0.02, position_drift=0.04, depth_noise=0.02, depth_scale_error=0.08
     ),
 }
 

@@ -46,8 +46,8 @@ class RecordOptions:
         driving: its speeds; the poses' rate.
         duration: seconds, at most; an exploration takes so long.
         seed: of the exploration.
-        start: x and y, metres; None: the first waypoint, else the free place nearest to the middle of the scene.
-        waypoints: (x, y), metres: shortest ways from one to the next; none: explore.
+        start: x and y, metres; None: the first of several waypoints, else the free place nearest to the scene's middle.
+        waypoints: (x, y), metres: shortest ways from the start to each in turn; none: explore.
         trajectory: a file of poses to follow exactly, instead of driving.
         pose_frame: what the file's poses mean.
         floor_z: height of the floor, metres; None: found.
@@ -70,6 +70,11 @@ class RecordOptions:
     render: RenderOptions = field(default_factory=lambda: RenderOptions(samples=2))
     overwrite: bool = False
 
+    @property
+    def places(self) -> tuple[tuple[float, float], ...]:
+        """The start, if it is given, and the waypoints."""
+        return self.waypoints if self.start is None else (self.start, *self.waypoints)
+
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
@@ -80,14 +85,17 @@ class Recorded:
         trajectory: the poses that were planned.
         world: what was seen.
         free_area: square metres in which the robot could go; None where it followed a file.
-        is_interrupted: Ctrl-C ended it early; the bag holds what was recorded.
     """
 
     frames: int
     trajectory: Trajectory
     world: World
     free_area: float | None
-    is_interrupted: bool
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether Ctrl-C ended it early: the bag holds the frames until then, and all poses."""
+        return self.frames < len(self.trajectory)
 
     @property
     def run(self) -> Trajectory:
@@ -120,8 +128,7 @@ def record(
         trajectory = _followed(options)
     else:
         with clock.stage("free space"):
-            places = [*([] if options.start is None else [options.start]), *options.waypoints]
-            around = np.array(places[0]) if places else None
+            around = np.array(options.places[0]) if options.places else None
             space = find_free_space(world, options.robot, around=around, floor_z=options.floor_z, device=device)
             free_area = space.area
         with clock.stage("plan"):
@@ -141,7 +148,7 @@ def record(
 
         watched = replace(stream, read=read)
         write_rgbd_bag(output, watched, trajectory, kind=kind, topics=MAOMAPS_TOPICS, overwrite=options.overwrite)
-    return Recorded(frames, trajectory, world, free_area, frames < len(trajectory))
+    return Recorded(frames, trajectory, world, free_area)
 
 
 @contextmanager
@@ -184,13 +191,13 @@ def _followed(options: RecordOptions) -> Trajectory:
 
 def _driven(world: World, space: FreeSpace, options: RecordOptions) -> Trajectory:
     planner = Planner(space)
-    places = [*([options.start] if options.start is not None else []), *options.waypoints]
-    wanted = [_free_place(space, np.array(place), options.robot) for place in places]
-    if len(options.waypoints) + (options.start is not None) >= 2 and options.waypoints:
-        way = planner.round_trip(np.stack(wanted))
+    wanted = [_free_place(space, np.array(place), options.robot) for place in options.places]
+    if options.start is None and len(wanted) < 2:
+        wanted = [space.nearest(world.bounds[:, :2].mean(axis=0)), *wanted]
+    if options.waypoints:
+        way = planner.along(np.stack(wanted))
     else:
-        start = wanted[0] if wanted else space.nearest(world.bounds[:, :2].mean(axis=0))
-        way = planner.exploration(start, options.driving.speed * options.duration, options.seed)
+        way = planner.exploration(wanted[0], options.driving.speed * options.duration, options.seed)
     if len(way) < 2:
         raise InputError("--waypoint", "all of them are one place", "give two places, or none to explore")
     height = space.floor_z + options.robot.camera_height

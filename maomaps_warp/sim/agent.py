@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.scene import Scene
+from maomaps_warp.sim.tracks import resampled, smoothed
 
 #: Stamp of the first pose, nanoseconds since 1970: a plausible date, the same on every run.
 START_NS = 1_700_000_000_000_000_000
@@ -66,11 +67,7 @@ def drive(scene: Scene, *, frames: int = 240, rate_hz: float = 10.0, seed: int =
 
 def _rounded_way(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points of the closed polygon, about `_STEP` apart, corners rounded; the last one equals the first."""
-    closed = np.vstack([corners, corners[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    samples = np.linspace(0.0, along[-1], round(along[-1] / _STEP), endpoint=False)
-    dense = np.stack([np.interp(samples, along, closed[:, k]) for k in range(2)], axis=1)
-    smooth = _smoothed(dense, _CORNER_ROUNDING)
+    smooth = smoothed(resampled(corners, _STEP, closed=True), _CORNER_ROUNDING / _STEP, closed=True)
     return np.vstack([smooth, smooth[:1]])
 
 
@@ -81,17 +78,8 @@ def _heading(way: NDArray[np.float64]) -> NDArray[np.float64]:
     total = 2.0 * np.pi * np.rint((raw[-1] - raw[0]) / (2.0 * np.pi))
     ramp = np.linspace(0.0, total, len(way))
     # What is left after the ramp is periodic and can be smoothed round the corner.
-    smooth = _smoothed((raw - ramp[:-1])[:, None], _HEADING_SMOOTHING)[:, 0]
+    smooth = smoothed((raw - ramp[:-1])[:, None], _HEADING_SMOOTHING / _STEP, closed=True)[:, 0]
     return np.append(smooth, smooth[0]) + ramp
-
-
-def _smoothed(closed: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """Columns of a closed track, (N, K), under a Gaussian of standard deviation `sigma` metres."""
-    reach = round(4.0 * sigma / _STEP)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * _STEP / sigma) ** 2)
-    weights /= weights.sum()
-    padded = np.pad(closed, ((reach, reach), (0, 0)), mode="wrap")
-    return np.stack([np.convolve(column, weights, "valid") for column in padded.T], axis=1)
 
 
 def _times(yaw: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
@@ -106,7 +94,7 @@ def _times(yaw: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if np.maximum(turning, middle).sum() > duration else (middle, high)
-    per_step = _smoothed(np.maximum(turning, high)[:, None], 0.05)[:, 0]
+    per_step = smoothed(np.maximum(turning, high)[:, None], 0.05 / _STEP, closed=True)[:, 0]
     return np.concatenate([[0.0], np.cumsum(per_step)])
 
 

@@ -1,4 +1,4 @@
-"""Cameras on a robot that follows a way: smooth in speed and heading, never turning too fast."""
+"""Cameras on a robot that follows a way: smooth in heading, never too fast, never turning too fast."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.agent import START_NS, looking
-from maomaps_warp.sim.planning import WAY_STEP_M, smoothed
+from maomaps_warp.sim.planning import WAY_STEP_M
+from maomaps_warp.sim.tracks import smoothed
 
 #: How far the gaze lags and leads in a bend, standard deviation, metres.
 _HEADING_SMOOTHING_M = 0.3
-#: Over so much time speed grows from standstill, and falls to it at the end, seconds.
+#: Over so much time speed grows from standstill, seconds.
 _START_S = 0.5
 
 
@@ -34,7 +35,8 @@ class Driving:
     pitch: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.speed > 0.0 and self.turn_rate > 0.0 and self.rate_hz > 0.0 and abs(self.pitch) < np.pi / 2):
+        rates = (self.speed, self.turn_rate, self.rate_hz)
+        if not (min(rates) > 0.0 and max(rates) < np.inf and abs(self.pitch) < np.pi / 2):
             raise ValueError(f"speed, turn rate and rate must be positive, the pitch within 90 degrees: {self}")
 
 
@@ -45,7 +47,7 @@ def drive_along(way: NDArray[np.float64], height: float, driving: Driving, durat
     no faster than it may.
 
     Args:
-        way: (K, 2) float64, metres, points `WAY_STEP_M` apart, as `rounded` returns them.
+        way: (K, 2) float64, metres, points about `WAY_STEP_M` apart, as `rounded` returns them.
         height: of the camera, metres, world.
         driving: speeds.
         duration: seconds; the drive ends there, or at the end of the way if that comes first. None: at its end.
@@ -54,7 +56,8 @@ def drive_along(way: NDArray[np.float64], height: float, driving: Driving, durat
         Poses of the optical frame (x right, y down, z forward), with stamps.
     """
     yaw = _heading(way)
-    slowest = np.maximum(WAY_STEP_M / driving.speed, np.abs(np.diff(yaw)) / driving.turn_rate)
+    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    slowest = np.maximum(steps / driving.speed, np.abs(np.diff(yaw)) / driving.turn_rate)
     # A mean over neighbours may be faster than the slowest of them: never below it.
     per_step = np.maximum(smoothed(slowest[:, None], 10.0)[:, 0], slowest)
     times = np.concatenate([[0.0], np.cumsum(per_step)])

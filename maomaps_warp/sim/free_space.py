@@ -36,7 +36,7 @@ class Robot:
     step: float = 0.05
 
     def __post_init__(self) -> None:
-        if not (self.radius > 0.0 and 0.0 < self.step < self.camera_height <= self.height):
+        if not (0.0 < self.radius < np.inf and 0.0 < self.step < self.camera_height <= self.height < np.inf):
             raise ValueError(f"a robot needs a radius, and 0 < step < camera_height <= height: {self}")
 
 

@@ -1,4 +1,4 @@
-"""Ways through free space: shortest ones that keep off walls, and ones that see everything."""
+"""Ways through free space: shortest ones that keep off walls, and ones that come near everything."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.sim.free_space import FreeSpace
+from maomaps_warp.sim.tracks import resampled, smoothed
 
 #: Way through a cell beside a wall counts so many times more; it fades with this distance, metres.
 _WALL_COST, _WALL_FADE_M = 4.0, 0.25
@@ -40,7 +41,7 @@ class Planner:
             chain.append(int(before[chain[-1]]))
         return self.space.place_of(self.cells[chain[::-1]])
 
-    def round_trip(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    def along(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """The way along several places, (K, 2) metres."""
         legs = [self.way(a, b) for a, b in pairwise(places)]
         return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
@@ -56,6 +57,8 @@ class Planner:
         Returns:
             (K, 2) metres, cell by cell.
         """
+        if len(self.cells) < 2:
+            raise InputError("free space", "is a single cell: there is nowhere to go", "give a smaller robot")
         rng = np.random.default_rng(seed)
         middles = self.space.place_of(self.cells)
         left = np.ones(len(middles), dtype=bool)
@@ -71,8 +74,6 @@ class Planner:
                 legs.append(leg[1:])
             left &= (middles != goal).any(axis=1)
             here = goal
-            if len(middles) < 2:
-                raise InputError("free space", "is a single cell: there is nowhere to go", "give a smaller robot")
         return np.concatenate(legs)
 
     @staticmethod
@@ -114,17 +115,14 @@ class Planner:
 
 
 def rounded(way: NDArray[np.float64], space: FreeSpace) -> NDArray[np.float64]:
-    """A way, (K, 2) metres, with points `WAY_STEP_M` apart and its corners rounded, as far as free space allows.
+    """A way, (K, 2) metres, with points about `WAY_STEP_M` apart and its corners rounded, as far as free space allows.
 
-    The ends stay where they are. Where the roundest way would touch something, the whole way is rounded less; one that
-    is not rounded at all runs along the middles of free cells.
+    The ends stay where they are. Where the rounded way would leave free space it fades into the way as it was, which
+    runs along the middles of free cells; if that does not help, all of it is rounded less, in the end not at all.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
-    samples = np.linspace(0.0, along[-1], max(2, round(along[-1] / WAY_STEP_M) + 1))
-    dense = np.stack([np.interp(samples, along, way[:, k]) for k in range(2)], axis=1)
+    dense = resampled(way, WAY_STEP_M)
     for spread in _ROUNDING_M:
         smooth = smoothed(dense, spread / WAY_STEP_M)
-        # Only where smoothing leaves free space it is taken back, with a fade so that no corner appears there.
         outside = ~space.holds(smooth)
         if outside.any():
             keep = smoothed(np.clip(smoothed(outside.astype(np.float64)[:, None], 30.0) * 8.0, 0.0, 1.0), 15.0)
@@ -132,15 +130,3 @@ def rounded(way: NDArray[np.float64], space: FreeSpace) -> NDArray[np.float64]:
         if space.holds(smooth).all():
             return smooth
     return dense
-
-
-def smoothed(track: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """Columns of a track, (N, K), under a Gaussian of standard deviation `sigma` points; its ends stay."""
-    from scipy import ndimage
-
-    # Odd reflection about the ends: a straight track stays as it is, and the ends stay in place.
-    reach = min(int(4.0 * sigma) + 1, len(track) - 1)
-    before = 2.0 * track[:1] - track[reach:0:-1]
-    behind = 2.0 * track[-1:] - track[-2 : -2 - reach : -1]
-    padded = np.concatenate([before, track, behind])
-    return np.asarray(ndimage.gaussian_filter1d(padded, sigma, axis=0, truncate=4.0, mode="nearest")[reach:-reach])

@@ -85,7 +85,9 @@ def share_text(wrong: int, total: int) -> str:
 
 
 def check_share(what: str, wrong: int, total: int, limit: float) -> str:
-    """The share in words; raises WrongResult if more than `limit` of the total differ."""
+    """The share in words; raises WrongResult if more than `limit` of the total differ, or there is none."""
+    if not total:
+        raise WrongResult(f"{what}: nothing was compared")
     text = f"{what}: {share_text(wrong, total)}"
     if wrong > limit * total:
         raise WrongResult(f"{text}, more than {limit:g} of them")
