@@ -21,7 +21,7 @@ from maomaps_warp.io.trajectories import write_tum
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.scene import furnished_flat
 
-SMALL = ("--camera", "40x30@90", "--samples", "1", "--rate", "4", "--device", "cpu")
+SMALL = ("--camera", "40x30@90", "--antialias", "1", "--rate", "4", "--device", "cpu")
 #: Quaternions in bags are float64.
 POSE_TOLERANCE = 1e-12
 
@@ -158,7 +158,7 @@ def test_a_bag_that_stands_there_is_kept(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_leaves_a_readable_bag_of_what_was_recorded(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "maomaps_warp", "record", "flat", "-o", str(tmp_path / "run.bag"), *SMALL]
-    command += ["--duration", "2000", "--samples", "4"]
+    command += ["--duration", "2000", "--antialias", "4"]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     started = time.monotonic()
     while not any(file.stat().st_size > 100_000 for file in tmp_path.glob(".*/run.bag")):

@@ -30,6 +30,7 @@ _COMMANDS = {
     "merge-table": "merge_table.merge_table",
     "project": "project.project",
     "record": "record.record",
+    "create-dataset": "create_dataset.create_dataset",
     "disturb": "disturb.disturb",
     "score-2d": "score_2d.score_2d",
 }

@@ -11,6 +11,21 @@ import typer
 
 from maomaps_warp.cli import EXIT_INTERRUPTED
 from maomaps_warp.cli.options import CameraText, Debug, Device, PoseFrame, camera_of
+from maomaps_warp.cli.robot_options import (
+    Also,
+    Antialias,
+    BackFaces,
+    CameraHeight,
+    EffectNames,
+    Light,
+    Pitch,
+    Radius,
+    Rate,
+    RobotHeight,
+    Speed,
+    TurnRate,
+    robot_options,
+)
 from maomaps_warp.errors import InputError
 
 
@@ -30,20 +45,18 @@ def record(
     ] = None,
     pose_frame: PoseFrame = "auto",
     camera: CameraText = None,
-    samples: Annotated[int, typer.Option(min=1, max=8, help="Colours are the mean of N x N rays a pixel.")] = 2,
-    light: Annotated[
-        Literal["natural", "flat"], typer.Option(help="flat: the scene's colours as they are.")
-    ] = "natural",
-    back_faces: Annotated[
-        Literal["culled", "seen"], typer.Option(help="Of one-sided materials; culled is what Habitat does.")
-    ] = "culled",
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
-    speed: Annotated[float, typer.Option(metavar="M/S", help="At most.")] = 0.5,
-    turn_rate: Annotated[float, typer.Option(metavar="DEG/S", help="At most.")] = 45.0,
-    radius: Annotated[float, typer.Option(metavar="M", help="Of the robot.")] = 0.18,
-    robot_height: Annotated[float, typer.Option(metavar="M", help="Of the robot's top.")] = 1.3,
-    camera_height: Annotated[float, typer.Option(metavar="M", help="Of the camera.")] = 1.0,
-    pitch: Annotated[float, typer.Option(metavar="DEG", help="Of the camera, upwards.")] = 0.0,
+    antialias: Antialias = 2,
+    light: Light = "natural",
+    back_faces: BackFaces = "culled",
+    also: Also = None,
+    effect: EffectNames = None,
+    rate: Rate = 10.0,
+    speed: Speed = 0.5,
+    turn_rate: TurnRate = 45.0,
+    radius: Radius = 0.18,
+    robot_height: RobotHeight = 1.3,
+    camera_height: CameraHeight = 1.0,
+    pitch: Pitch = 0.0,
     floor: Annotated[
         float | None, typer.Option(metavar="Z", help="Height of the floor, metres.", show_default="found")
     ] = None,
@@ -67,25 +80,31 @@ def record(
         _check_alone(trajectory, start, waypoint)
         lens = camera_of(camera)
         places = tuple(_place("--waypoint", text) for text in waypoint or ())
-        try:
-            options = job.RecordOptions(
-                robot=job.Robot(radius, robot_height, camera_height),
-                driving=job.Driving(speed, math.radians(turn_rate), rate, math.radians(pitch)),
-                duration=_positive("--duration", duration),
+        options = replace(
+            robot_options(
+                antialias=antialias,
+                light=light,
+                back_faces=back_faces,
+                also=also,
+                effect=effect,
+                rate=rate,
+                speed=speed,
+                turn_rate=turn_rate,
+                radius=radius,
+                robot_height=robot_height,
+                camera_height=camera_height,
+                pitch=pitch,
                 seed=seed,
-                start=None if start is None else _place("--start", start),
-                waypoints=places,
-                trajectory=trajectory,
-                pose_frame=pose_frame,
-                floor_z=floor,
-                scene=job.SceneOptions(up, unit, tuple(drop or ())),
-                render=job.RenderOptions(
-                    samples=samples, is_lit=light == "natural", are_back_faces_seen=back_faces == "seen"
-                ),
-                overwrite=overwrite,
-            )
-        except ValueError as error:
-            raise InputError("the robot's options", str(error), "see --help") from None
+            ),
+            duration=_positive("--duration", duration),
+            start=None if start is None else _place("--start", start),
+            waypoints=places,
+            trajectory=trajectory,
+            pose_frame=pose_frame,
+            floor_z=floor,
+            scene=job.SceneOptions(up, unit, tuple(drop or ())),
+            overwrite=overwrite,
+        )
         if lens is not None:
             options = replace(options, camera=lens)
         quiet_warp()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,16 +21,34 @@ from maomaps_warp.model.frame import Frame
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.agent import START_NS
 from maomaps_warp.sim.driving import Driving, drive_along
+from maomaps_warp.sim.effects import EFFECTS, NO_EFFECTS, Effects
 from maomaps_warp.sim.free_space import FreeSpace, Robot, find_free_space
 from maomaps_warp.sim.planning import Planner, rounded
 from maomaps_warp.sim.recorder import MAOMAPS_TOPICS, write_rgbd_bag
-from maomaps_warp.sim.render import RenderOptions, render_frames
+from maomaps_warp.sim.render import MeshSimulator, RenderOptions
 from maomaps_warp.sim.scene import furnished_flat
 from maomaps_warp.sim.scene_files import SceneOptions, read_world
+from maomaps_warp.sim.simulator import Simulator, camera_path, simulated_frames
 from maomaps_warp.sim.world import World
 from maomaps_warp.stopwatch import Stopwatch
 
-__all__ = ["Driving", "RecordOptions", "Recorded", "RenderOptions", "Robot", "SceneOptions", "record"]
+__all__ = [
+    "EFFECTS",
+    "Driving",
+    "Effects",
+    "RecordOptions",
+    "Recorded",
+    "RenderOptions",
+    "Robot",
+    "SceneOptions",
+    "is_flat",
+    "open_world",
+    "record",
+    "record_run",
+]
+
+#: progress(done, total).
+Progress = Callable[[int, int | None], None]
 
 #: What names a built-in scene: "flat", or "flat:3" for that of another seed.
 FLAT = "flat"
@@ -53,6 +71,7 @@ class RecordOptions:
         floor_z: height of the floor, metres; None: found.
         scene: how a scene's file is read.
         render: how images are rendered.
+        effects: what spoils them.
         overwrite: replace a bag.
     """
 
@@ -68,6 +87,7 @@ class RecordOptions:
     floor_z: float | None = None
     scene: SceneOptions = field(default_factory=SceneOptions)
     render: RenderOptions = field(default_factory=lambda: RenderOptions(samples=2))
+    effects: Effects = NO_EFFECTS
     overwrite: bool = False
 
     @property
@@ -94,7 +114,7 @@ class Recorded:
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether Ctrl-C ended it early: the bag holds the frames until then, and all poses."""
+        """Whether Ctrl-C ended it early: the bag holds the frames until then, and their poses."""
         return self.frames < len(self.trajectory)
 
     @property
@@ -119,10 +139,10 @@ def record(
         InputError: the scene or a place cannot be used, or the bag cannot be written.
     """
     clock = clock or Stopwatch()
-    kind = bag_kind(output)
+    bag_kind(output)
     check_new_bag(output, overwrite=options.overwrite)
     with clock.stage("read scene"):
-        world = _world(scene, options.scene)
+        world = open_world(scene, options.scene)
     free_area = None
     if options.trajectory is not None:
         trajectory = _followed(options)
@@ -133,22 +153,75 @@ def record(
             free_area = space.area
         with clock.stage("plan"):
             trajectory = _driven(world, space, options)
-    frames = 0
-    with clock.stage("record") as progress, _asked_to_stop() as stop:
-        stream = render_frames(world, options.camera, trajectory, device, options.render)
-
-        def read(with_colors: bool) -> Iterator[Frame]:
-            nonlocal frames
-            for frame in stream.read(with_colors):
-                yield frame
-                frames += 1
-                progress(frames, len(trajectory))
-                if stop.is_set():
-                    return
-
-        watched = replace(stream, read=read)
-        write_rgbd_bag(output, watched, trajectory, kind=kind, topics=MAOMAPS_TOPICS, overwrite=options.overwrite)
+    trajectory = camera_path(trajectory, options.effects)
+    simulator = MeshSimulator(world, options.camera, device, options.render)
+    names = world.parts if options.render.with_parts else ()
+    with clock.stage("record") as progress:
+        frames = record_run(
+            simulator,
+            trajectory,
+            output,
+            effects=options.effects,
+            part_names=names,
+            overwrite=options.overwrite,
+            progress=progress,
+        )
     return Recorded(frames, trajectory, world, free_area)
+
+
+def record_run(
+    simulator: Simulator,
+    trajectory: Trajectory,
+    output: Path,
+    *,
+    effects: Effects = NO_EFFECTS,
+    part_names: Sequence[str] = (),
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> int:
+    """Record what a simulator shows along a trajectory, as MAOMaps bags have it.
+
+    The first Ctrl-C closes the bag after the frame that it is at; the second leaves nothing.
+
+    Args:
+        simulator: gives the images; any object with `camera`, `source` and `see`.
+        trajectory: the camera's poses, with stamps.
+        output: NAME.bag (ROS 1), NAME.mcap (ROS 2, one file) or NAME (ROS 2, a folder).
+        effects: what spoils the images.
+        part_names: what the numbers in images of parts mean.
+        overwrite: replace a bag.
+        progress: told how many frames there are (done, total).
+
+    Returns:
+        How many frames were recorded.
+
+    Raises:
+        InputError: the bag cannot be written.
+        ValueError: poses without stamps, or images of a wrong shape or type.
+    """
+    frames = 0
+    stream = simulated_frames(simulator, trajectory, effects)
+
+    def read(with_colors: bool) -> Iterator[Frame]:
+        nonlocal frames
+        for frame in stream.read(with_colors):
+            frames += 1
+            yield frame
+            if progress is not None:
+                progress(frames, len(trajectory))
+
+    with _asked_to_stop() as stop:
+        write_rgbd_bag(
+            output,
+            replace(stream, read=read),
+            trajectory,
+            kind=bag_kind(output),
+            topics=MAOMAPS_TOPICS,
+            part_names=part_names,
+            stop=stop,
+            overwrite=overwrite,
+        )
+    return frames
 
 
 @contextmanager
@@ -171,13 +244,23 @@ def _asked_to_stop() -> Iterator[Event]:
         signal.signal(signal.SIGINT, before)
 
 
-def _world(scene: str, options: SceneOptions) -> World:
-    name, colon, seed = scene.partition(":")
-    if name == FLAT and not Path(scene).exists():
+def open_world(scene: str, options: SceneOptions) -> World:
+    """The world of a scene's file, or of "flat" or "flat:SEED".
+
+    Raises:
+        InputError: there is no such scene, or it cannot be used.
+    """
+    if is_flat(scene):
+        _, colon, seed = scene.partition(":")
         if colon and not seed.isdecimal():
             raise InputError(scene, f"{seed!r} is no seed", "flat:SEED takes a whole number, flat is flat:0")
         return furnished_flat(int(seed) if colon else 0).world
     return read_world(Path(scene), options)
+
+
+def is_flat(scene: str) -> bool:
+    """Whether a name stands for a built-in flat, not for a file."""
+    return scene.partition(":")[0] == FLAT and not Path(scene).exists()
 
 
 def _followed(options: RecordOptions) -> Trajectory:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,14 @@ class Frame:
         stamp_ns: nanoseconds; None where the source has no stamps.
         depth: (H, W) float32, metres along the optical axis; 0 = missing (readers map NaN, inf and 65535 to 0).
         colors: (H, W, 3) uint8 RGB, or None.
+        extras: further images of the same size by name, which only a simulator gives and only recorders keep.
     """
 
     index: int
     stamp_ns: int | None
     depth: NDArray[np.float32]
     colors: NDArray[np.uint8] | None = None
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError, NoScoreError
+from maomaps_warp.model.pose_interpolation import interpolate_poses
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.protocol import MatchMethod
 from maomaps_warp.scoring.stamp_diagnosis import StampDiagnosis, diagnose_shifted_stamps
@@ -23,7 +24,6 @@ __all__ = [
     "StampDiagnosis",
     "StampMatches",
     "diagnose_stamps",
-    "interpolate_poses",
     "match_stamps",
     "poses_at",
     "shifted",
@@ -119,20 +119,6 @@ def diagnose_stamps(
         max_gap_ns=_max_gap_ns(max_gap_s),
         offset_ns=_to_ns(t_offset_s),
     )
-
-
-def interpolate_poses(
-    T_from: NDArray[np.float64], T_to: NDArray[np.float64], alpha: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Poses between `T_from` and `T_to`, (N, 4, 4) float64, at `alpha`, (N,) in [0, 1]: lerp and slerp."""
-    from scipy.spatial.transform import Rotation
-
-    R_from = Rotation.from_matrix(T_from[:, :3, :3])
-    turn = (R_from.inv() * Rotation.from_matrix(T_to[:, :3, :3])).as_rotvec()
-    T = T_from.copy()
-    T[:, :3, :3] = (R_from * Rotation.from_rotvec(alpha[:, None] * turn)).as_matrix()
-    T[:, :3, 3] += alpha[:, None] * (T_to[:, :3, 3] - T_from[:, :3, 3])
-    return T
 
 
 def poses_at(

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Event
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from maomaps_warp.io.bags.writing import BagKind, Entry, MessageMaker, write_bag
 from maomaps_warp.io.rotations import quaternions_from_matrices
@@ -26,6 +32,8 @@ class Topics:
         infos: topics of the camera's calibration, one message a frame each.
         has_body_poses: poses are those of the robot's body at the camera's place (x forward, y left, z up); else the
             camera's (x right, y down, z forward).
+        extras: topics of further images, by their names; float32 is written as 32FC1 or 32FC3, int32 as 32SC1.
+        part_names: String, the first message: a JSON list, the name of each number in the image of parts.
     """
 
     rgb: str
@@ -33,6 +41,8 @@ class Topics:
     pose: str
     infos: tuple[str, ...]
     has_body_poses: bool
+    extras: Mapping[str, str] = field(default_factory=dict)
+    part_names: str = "/parts"
 
 
 #: Each image with its calibration, as drivers of RGB-D cameras have it.
@@ -45,7 +55,17 @@ CAMERA_TOPICS = Topics(
 )
 #: As the MAOMaps recorder publishes them; poses by the plainest of its conventions ("maomaps-c").
 MAOMAPS_TOPICS = Topics(
-    "/habitat/rgb/image", "/habitat/depth/image", "/true_pose", ("/habitat/rgb/camera_info",), has_body_poses=True
+    "/habitat/rgb/image",
+    "/habitat/depth/image",
+    "/true_pose",
+    ("/habitat/rgb/camera_info",),
+    has_body_poses=True,
+    extras={
+        "normals": "/habitat/normals/image",
+        "parts": "/habitat/semantic/image",
+        "exact_depth": "/true_depth/image",
+    },
+    part_names="/habitat/semantic/parts",
 )
 
 
@@ -56,6 +76,8 @@ def write_rgbd_bag(
     *,
     kind: BagKind,
     topics: Topics = CAMERA_TOPICS,
+    part_names: Sequence[str] = (),
+    stop: Event | None = None,
     overwrite: bool = False,
 ) -> None:
     """Writes frames and their ground truth as a bag, uncompressed, in the order of the stamps.
@@ -69,29 +91,62 @@ def write_rgbd_bag(
         trajectory: poses with stamps, their own or the frames'.
         kind: see `write_bag`.
         topics: under which names, and which poses.
+        part_names: what the numbers in the images of parts mean; written if there are any.
+        stop: once it is set, the bag ends with the frame that was written last; poses after it are left out.
         overwrite: replace a bag that stands there.
 
     Raises:
         InputError: something is at `path` already, or it cannot be written.
-        ValueError: frames or poses lack stamps, or frames lack colours.
+        ValueError: frames or poses lack stamps, frames lack colours, or there is no topic for an extra image.
     """
     if trajectory.stamps_ns is None:
         raise ValueError("a bag needs poses with stamps")
     make = MessageMaker.of(kind)
-    frames, poses = _frame_entries(stream, topics, make), _pose_entries(trajectory, topics, make)
-    write_bag(path, kind, heapq.merge(frames, poses, key=lambda entry: entry[1]), overwrite=overwrite)
+    stop = stop or Event()
+    frames, poses = _frame_entries(stream, topics, make, part_names, stop), _pose_entries(trajectory, topics, make)
+    entries = heapq.merge(frames, poses, key=lambda entry: entry[1])
+    write_bag(path, kind, _until(entries, stop, topics), overwrite=overwrite)
 
 
-def _frame_entries(stream: FrameStream, topics: Topics, make: MessageMaker) -> Iterator[Entry]:
+def _until(entries: Iterator[Entry], stop: Event, topics: Topics) -> Iterator[Entry]:
+    """The entries; after a stop those that are not later than the last depth image."""
+    last = -1
+    for entry in entries:
+        topic, stamp_ns, _ = entry
+        if stop.is_set() and topic == topics.pose and stamp_ns > last:
+            return
+        last = stamp_ns if topic == topics.depth else last
+        yield entry
+
+
+def _frame_entries(
+    stream: FrameStream, topics: Topics, make: MessageMaker, part_names: Sequence[str], stop: Event
+) -> Iterator[Entry]:
     for frame in stream.read(True):
         if frame.stamp_ns is None or frame.colors is None:
             raise ValueError(f"a bag needs frames with stamps and colours; frame {frame.index} lacks them")
         header = make.header(frame.stamp_ns, CAMERA_FRAME, frame.index)
+        if part_names and not frame.index:
+            yield topics.part_names, frame.stamp_ns, make.string(json.dumps(list(part_names)))
         info = make.camera_info(header, stream.camera)
         for topic in topics.infos:
             yield topic, frame.stamp_ns, info
         yield topics.rgb, frame.stamp_ns, make.image(header, "rgb8", frame.colors)
         yield topics.depth, frame.stamp_ns, make.image(header, "32FC1", frame.depth)
+        for name, image in frame.extras.items():
+            if name not in topics.extras:
+                raise ValueError(f"there is no topic for images named {name!r}")
+            yield topics.extras[name], frame.stamp_ns, make.image(header, _encoding(image), image)
+        if stop.is_set():
+            return
+
+
+def _encoding(image: NDArray[Any]) -> str:
+    """Of an image of float32 or int32, with one channel or three: "32FC1", "32FC3", "32SC1"."""
+    kinds = {np.dtype(np.float32): "32FC", np.dtype(np.int32): "32SC"}
+    if image.dtype not in kinds or image.shape[2:] not in ((), (3,)):
+        raise ValueError(f"extra images are float32 or int32, (H, W) or (H, W, 3), got {image.shape} {image.dtype}")
+    return f"{kinds[image.dtype]}{image.shape[2] if image.ndim == 3 else 1}"
 
 
 def _pose_entries(trajectory: Trajectory, topics: Topics, make: MessageMaker) -> Iterator[Entry]:

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maomaps_warp.io.rotations import quaternions_from_matrices
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
+from maomaps_warp.sim.simulator import Seen, simulated_frames
 from maomaps_warp.sim.world import World
 from maomaps_warp.threads import thread_count
 
@@ -31,12 +33,15 @@ class RenderOptions:
         samples: colours are the mean of samples x samples rays a pixel.
         is_lit: False: the world's colours as they are, without light.
         are_back_faces_seen: True: faces that show only their front are seen from behind, too.
+        with_normals, with_parts: those images, too, beside the colours.
     """
 
     max_depth: float = MAX_DEPTH
     samples: int = 1
     is_lit: bool = True
     are_back_faces_seen: bool = False
+    with_normals: bool = False
+    with_parts: bool = False
 
 
 def scene_of(world: World, options: RenderOptions, device: str, *, with_colors: bool = True) -> MeshScene:
@@ -69,6 +74,44 @@ def scene_of(world: World, options: RenderOptions, device: str, *, with_colors: 
     )
 
 
+class MeshSimulator:
+    """Sees a world as a pinhole camera does."""
+
+    def __init__(self, world: World, camera: Camera, device: str = "cpu", options: RenderOptions | None = None) -> None:
+        """Puts the world on a device; `options` None: as RenderOptions are by default."""
+        self.camera = camera
+        self.source = "simulated camera"
+        self._options = options or RenderOptions()
+        self._scene = scene_of(world, self._options, device)
+        self._bare = replace(self._scene, look=None)
+        self._threads = thread_count(device)
+
+    def see(self, T_world_camera: NDArray[np.float64], *, with_colors: bool = True) -> Seen:
+        """Noiseless images from a pose, (4, 4); the same, byte for byte, each time."""
+        import warp as wp
+
+        from maomaps_warp.kernels.render import render_scene, view_from
+
+        camera, options = self.camera, self._options
+        (xyzw,) = quaternions_from_matrices(T_world_camera[None, :3, :3]).tolist()
+        pose = wp.transformf(T_world_camera[:3, 3].tolist(), xyzw)
+        images = render_scene(
+            self._scene if with_colors else self._bare,
+            view_from(pose, camera.width, camera.fx, camera.fy, camera.cx, camera.cy, options.max_depth),
+            camera.height,
+            samples=options.samples,
+            with_normals=with_colors and options.with_normals,
+            with_parts=with_colors and options.with_parts,
+            threads=self._threads,
+        )
+        extras = {"normals": images.normals, "parts": images.parts}
+        return Seen(
+            images.depth.numpy(),
+            None if images.colors is None else images.colors.numpy(),
+            {name: image.numpy() for name, image in extras.items() if image is not None},
+        )
+
+
 def render_frames(
     world: World,
     camera: Camera,
@@ -88,35 +131,7 @@ def render_frames(
     Returns:
         A stream whose frames are noiseless and the same, byte for byte, each time they are read.
     """
-    import warp as wp
-
-    from maomaps_warp.kernels.render import render_scene, view_from
-
-    options = options or RenderOptions()
-    scene = scene_of(world, options, device)
-    bare = replace(scene, look=None)
-    stamps = trajectory.stamps_ns
-    quaternions = quaternions_from_matrices(trajectory.T_world_camera[:, :3, :3]).tolist()
-    poses = list(zip(trajectory.positions.tolist(), quaternions, strict=True))
-    lens = (camera.width, camera.fx, camera.fy, camera.cx, camera.cy, options.max_depth)
-
-    def read(with_colors: bool) -> Iterator[Frame]:
-        for index, (position, xyzw) in enumerate(poses):
-            images = render_scene(
-                scene if with_colors else bare,
-                view_from(wp.transformf(position, xyzw), *lens),
-                camera.height,
-                samples=options.samples,
-                threads=thread_count(device),
-            )
-            yield Frame(
-                index=index,
-                stamp_ns=None if stamps is None else int(stamps[index]),
-                depth=images.depth.numpy(),
-                colors=None if images.colors is None else images.colors.numpy(),
-            )
-
-    return FrameStream(camera, len(trajectory), read, "simulated camera")
+    return simulated_frames(MeshSimulator(world, camera, device, options), trajectory)
 
 
 def in_memory(stream: FrameStream) -> FrameStream:

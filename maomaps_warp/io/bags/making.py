@@ -97,6 +97,10 @@ class MessageMaker:
         """geometry_msgs/PoseStamped of a position, metres, and a unit quaternion."""
         return self._type("geometry_msgs/msg/PoseStamped")(header=header, pose=self._pose(position, xyzw))
 
+    def string(self, text: str) -> Any:
+        """std_msgs/String."""
+        return self._type("std_msgs/msg/String")(data=text)
+
     def path(self, header: Any, poses: Sequence[Any]) -> Any:
         """nav_msgs/Path of PoseStamped messages."""
         return self._type("nav_msgs/msg/Path")(header=header, poses=list(poses))

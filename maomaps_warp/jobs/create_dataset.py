@@ -1,0 +1,367 @@
+"""A dataset of overlapping runs through given scenes: recorded, mapped, and measured, sample by sample."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maomaps_warp.errors import InputError
+from maomaps_warp.io.outputs import write_whole
+from maomaps_warp.io.sample_writing import SamplePlace
+from maomaps_warp.io.sources import SourceOptions
+from maomaps_warp.jobs.ground_truth import open_recording
+from maomaps_warp.jobs.pair_search import IouKind, PairSearch, PlannedPair, PlannedRun, iou_of
+from maomaps_warp.jobs.record import RecordOptions, SceneOptions, is_flat, open_world, record_run
+from maomaps_warp.jobs.sample import MadeSample, make_sample
+from maomaps_warp.map_protocol import MAP_PRESETS
+from maomaps_warp.sim.effects import Effects
+from maomaps_warp.sim.free_space import find_free_space
+from maomaps_warp.sim.recorder import MAOMAPS_TOPICS
+from maomaps_warp.sim.render import MeshSimulator
+from maomaps_warp.sim.simulator import EXACT_DEPTH, camera_path
+from maomaps_warp.sim.world import World
+from maomaps_warp.stopwatch import Stopwatch
+
+__all__ = ["DatasetOptions", "DatasetSample", "SceneEntry", "create_dataset"]
+
+#: What was asked for, in the dataset's folder; and what became of it, in each sample's.
+RECIPE, FACTS = "dataset.json", "sample.json"
+_SCHEMA = 1
+#: Of all maps, metres.
+VOXEL_SIZE = MAP_PRESETS["maomaps"].voxel_size
+_RUNS = ("first", "second")
+#: Pairs that are recorded and mapped at most, until one overlaps as asked.
+_MOST_TRIES = 6
+#: The golden ratio: multiples of it, modulo 1, fill an interval evenly, however many there will be.
+_GOLDEN = 0.5 * (1.0 + 5.0**0.5)
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """One scene of a dataset.
+
+    Attributes:
+        name: a file, or "flat" or "flat:SEED".
+        options: how the file is read.
+        floor_z: height of the floor, metres; None: found.
+    """
+
+    name: str
+    options: SceneOptions
+    floor_z: float | None = None
+
+
+@dataclass(frozen=True)
+class DatasetOptions:
+    """What a dataset shall be.
+
+    Attributes:
+        scenes: sample k is of scene k modulo their number.
+        robot: robot, camera, driving and rendering of every run; its seed, duration and places are not used.
+        samples: how many.
+        iou: lowest and highest overlap of a sample's runs, 0 to 1.
+        kind: of what the overlap is taken.
+        duration: shortest and longest run, seconds.
+        seed: of everything random.
+        suffix: of the bags: ".bag", ".mcap", or "" for folders.
+    """
+
+    scenes: tuple[SceneEntry, ...]
+    robot: RecordOptions
+    samples: int = 20
+    iou: tuple[float, float] = (0.2, 0.6)
+    kind: IouKind = "voxels"
+    duration: tuple[float, float] = (20.0, 60.0)
+    seed: int = 0
+    suffix: str = ".bag"
+
+    def __post_init__(self) -> None:
+        if not self.scenes or self.samples < 1:
+            raise ValueError("a dataset needs a scene and a sample")
+        if not 0.0 <= self.iou[0] < self.iou[1] <= 1.0:
+            raise ValueError(f"the overlap must be a range within 0 and 1, got {self.iou}")
+        if not 0.0 < self.duration[0] <= self.duration[1] < np.inf:
+            raise ValueError(f"the duration must be a range above 0, got {self.duration}")
+
+
+@dataclass(frozen=True)
+class DatasetSample:
+    """A sample of a dataset.
+
+    Attributes:
+        name: of its folder.
+        facts: what `sample.json` says.
+        was_there: it was made earlier.
+    """
+
+    name: str
+    facts: dict[str, Any]
+    was_there: bool
+
+
+def create_dataset(
+    folder: Path,
+    options: DatasetOptions,
+    *,
+    device: str = "cpu",
+    clock: Stopwatch | None = None,
+    tell: Callable[[DatasetSample], None] = lambda sample: None,
+) -> tuple[DatasetSample, ...]:
+    """Make sample1, sample2, ... in a folder; those that are there already stay.
+
+    Each sample depends on the options and its number alone, so that a dataset that was interrupted ends with the same
+    bytes, and one of more samples begins with those of one of fewer. A sample appears when it is complete.
+
+    Args:
+        folder: made if there is none; else a dataset of the same options, `samples` apart.
+        options: what it shall be.
+        device: Warp device.
+        clock: collects the stages' times.
+        tell: told of each sample, in order.
+
+    Raises:
+        InputError: another dataset or something else is in the folder, a scene cannot be used, or no two runs through
+            it overlap as asked.
+        KeyboardInterrupt: Ctrl-C; the samples that are complete stay.
+    """
+    clock = clock or Stopwatch()
+    _begin(folder, _recipe(options))
+    made = []
+    with clock.stage("dataset") as progress:
+        for number in range(1, options.samples + 1):
+            progress(number - 1, options.samples)
+            name = f"sample{number}"
+            facts = folder / name / FACTS
+            if was_there := facts.exists():
+                known = json.loads(facts.read_text(encoding="utf-8"))
+            else:
+                known = _make(folder, name, number, options, device, clock)
+            made.append(DatasetSample(name, known, was_there))
+            tell(made[-1])
+        progress(options.samples, options.samples)
+    return tuple(made)
+
+
+def _make(
+    folder: Path, name: str, number: int, options: DatasetOptions, device: str, clock: Stopwatch
+) -> dict[str, Any]:
+    """Make one sample, beside its place and then in it; returns its facts."""
+    part = folder / f".{name}.part"
+    if (folder / name).exists():
+        raise InputError(folder / name, "is no sample that was made here", "move it away")
+    shutil.rmtree(part, ignore_errors=True)  # of a run that was killed
+    try:
+        facts = _record_pair(part, name, number, options, device, clock)
+        with write_whole(part / FACTS) as file:
+            file.write(json.dumps(facts, indent=2) + "\n")
+        part.rename(folder / name)
+    except InputError as error:
+        where = error.where.replace(str(part), str(folder / name))
+        raise InputError(where, error.found, error.hint) from error
+    except OSError as error:
+        raise InputError(folder / name, f"cannot be written: {error.strerror}", "free some space") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return facts
+
+
+def _record_pair(
+    part: Path, name: str, number: int, options: DatasetOptions, device: str, clock: Stopwatch
+) -> dict[str, Any]:
+    scene = options.scenes[(number - 1) % len(options.scenes)]
+    robot = replace(options.robot, scene=scene.options, floor_z=scene.floor_z)
+    rules = MAP_PRESETS["maomaps"]
+    low, high = options.iou
+    share = float(np.random.default_rng([options.seed]).random()) + number / _GOLDEN
+    wanted = low + (high - low) * (share % 1.0)
+    with clock.stage("read scene"):
+        world = open_world(scene.name, scene.options)
+        space = find_free_space(world, robot.robot, floor_z=scene.floor_z, device=device)
+    search = PairSearch(
+        world,
+        space,
+        robot,
+        duration=options.duration,
+        kind=options.kind,
+        voxel_size=VOXEL_SIZE,
+        max_range=rules.max_range,
+        seed=(options.seed, number),
+        device=device,
+    )
+    simulator = MeshSimulator(world, robot.camera, device, robot.render)
+    found = []
+    for tried in range(1, _MOST_TRIES + 1):
+        with clock.stage("plan"):
+            pair = search.pair(wanted)
+        if not low <= pair.expected_iou <= high:
+            found.append(pair.expected_iou)
+            break
+        made = _record_and_map(part, pair, simulator, world, options, device, clock)
+        assert made.figures.overlap is not None
+        iou = iou_of(made.figures.overlap, options.kind)
+        if low <= iou <= high:
+            return _facts(name, scene, pair, made, wanted, tried, options)
+        found.append(iou)
+        search.learn(pair, iou)
+        shutil.rmtree(part)
+    seen = ", ".join(f"{iou:.2f}" for iou in found)
+    asked = f"{low:g} to {high:g}"
+    raise InputError(
+        scene.name,
+        f"no two of {len(search.runs)} runs overlap by {asked} ({options.kind}); the nearest: {seen}",
+        "a larger range, or other durations: short runs overlap less",
+    )
+
+
+def _record_and_map(
+    part: Path,
+    pair: PlannedPair,
+    simulator: MeshSimulator,
+    world: World,
+    options: DatasetOptions,
+    device: str,
+    clock: Stopwatch,
+) -> MadeSample:
+    """Record both runs into the folder, and map what the bags hold."""
+    part.mkdir(parents=True)
+    bags = {}
+    for run, planned in zip(_RUNS, (pair.first, pair.second), strict=True):
+        bags[run] = part / f"{run}{options.suffix}"
+        effects = replace(options.robot.effects, seed=_effect_seed(options.robot.effects, planned))
+        path = camera_path(planned.trajectory, effects)
+        with clock.stage("record") as progress:
+            frames = record_run(
+                simulator,
+                path,
+                bags[run],
+                effects=effects,
+                part_names=world.parts if options.robot.render.with_parts else (),
+                progress=progress,
+            )
+        if frames < len(path):
+            raise KeyboardInterrupt
+    # Ground truth is made of depth without noise.
+    topics = (MAOMAPS_TOPICS.extras[EXACT_DEPTH],) if options.robot.effects.kinect else ()
+    rules = MAP_PRESETS["maomaps"]
+    reading = SourceOptions(topics=topics, pose_frame="maomaps-c")
+    sources = {run: open_recording(bag, rules, reading) for run, bag in bags.items()}
+    return make_sample(SamplePlace(part, bags), sources, rules, device=device, clock=clock)
+
+
+def _effect_seed(effects: Effects, run: PlannedRun) -> int:
+    """Another one for each run of a sample."""
+    return int(np.random.default_rng([effects.seed, run.number]).integers(1 << 31))
+
+
+def _facts(
+    name: str,
+    scene: SceneEntry,
+    pair: PlannedPair,
+    made: MadeSample,
+    wanted: float,
+    tried: int,
+    options: DatasetOptions,
+) -> dict[str, Any]:
+    from importlib.metadata import version
+
+    overlap = made.figures.overlap
+    assert overlap is not None
+    runs = {
+        run: {
+            "number_of_the_draw": planned.number,
+            "frames": len(planned.trajectory),
+            "path_length_m": planned.trajectory.path_length,
+            "duration_s": planned.trajectory.duration_s,
+        }
+        for run, planned in zip(_RUNS, (pair.first, pair.second), strict=True)
+    }
+    iou = {"voxels": overlap.voxel_iou, "known": overlap.known_iou, "obstacle": overlap.obstacle_iou}
+    return {
+        "schema": _SCHEMA,
+        "maomaps_warp": version("maomaps-warp"),
+        "sample": name,
+        "scene": Path(scene.name).name,
+        "iou": iou | {"asked_for": list(options.iou), "of": options.kind, "aimed_at": wanted, "tries": tried},
+        "runs": runs,
+        "notes": {run: list(notes) for run, notes in made.notes.items()},
+    }
+
+
+def _recipe(options: DatasetOptions) -> dict[str, Any]:
+    """Everything that decides the samples' bytes."""
+    robot = asdict(options.robot)
+    # Every run of a dataset explores from a start of its own.
+    for unused in (
+        "duration",
+        "seed",
+        "start",
+        "waypoints",
+        "trajectory",
+        "pose_frame",
+        "floor_z",
+        "scene",
+        "overwrite",
+    ):
+        del robot[unused]
+    scenes = [
+        {
+            "name": Path(entry.name).name,
+            "sha256": _digest(entry.name),
+            "floor_z": entry.floor_z,
+            **asdict(entry.options),
+        }
+        for entry in options.scenes
+    ]
+    recipe = {
+        "schema": _SCHEMA,
+        "scenes": scenes,
+        "iou": options.iou,
+        "iou_of": options.kind,
+        "duration_s": options.duration,
+        "seed": options.seed,
+        "suffix": options.suffix,
+        "robot": robot,
+    }
+    return dict(json.loads(json.dumps(recipe)))
+
+
+def _digest(scene: str) -> str | None:
+    """Of a scene's file (not of textures that lie beside it); None of a built-in one."""
+    if is_flat(scene):
+        return None
+    try:
+        with Path(scene).open("rb") as file:
+            return hashlib.file_digest(file, partial(hashlib.new, "sha256")).hexdigest()
+    except OSError as error:
+        raise InputError(scene, f"cannot be read: {error.strerror}") from error
+
+
+def _begin(folder: Path, recipe: dict[str, Any]) -> None:
+    """Begin a dataset, or go on with one of the same recipe."""
+    path = folder / RECIPE
+    if path.exists():
+        try:
+            known = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(path, f"cannot be read: {error}", "choose another folder") from error
+        if known != recipe:
+            other = [key for key in recipe if known.get(key) != recipe[key]]
+            found = f"was made with other options: {', '.join(other)}"
+            raise InputError(path, found, "give the same ones to go on, or choose another folder")
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(folder, "exists and is no dataset that was made here", "choose another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be made: {error.strerror}", "choose another place") from error
+    with write_whole(path) as file:
+        file.write(json.dumps(recipe, indent=2) + "\n")
