@@ -32,14 +32,15 @@ if TYPE_CHECKING:
     from maomaps_warp.jobs.create_dataset import DatasetSample, SceneEntry
 
 _SUFFIXES = {"ros1": ".bag", "mcap": ".mcap", "ros2": ""}
-_SCENE_HINT = "SCENE,floor=Z,drop=PART,unit=cm,up=z: what `record` has options for; drop may come more than once"
+_SCENE_HINT = "SCENE,floor=Z,drop=PART,unit=cm,up=z,duration=LO..HI; drop may come more than once"
 
 
 def create_dataset(
     scenes: Annotated[
         list[str],
         typer.Argument(
-            metavar="SCENE...", help="As in `record`; FILE,floor=Z,drop=PART,unit=cm,up=z says how to read that one."
+            metavar="SCENE...",
+            help="As in `record`; SCENE,floor=Z,drop=PART,unit=cm,up=z,duration=LO..HI says what holds for it alone.",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DATASET", help="Folder for the samples.")],
@@ -100,9 +101,9 @@ def create_dataset(
                 scenes=tuple(_scene(text) for text in scenes),
                 robot=robot if lens is None else replace(robot, camera=lens),
                 samples=samples,
-                iou=_range("--iou", iou),
+                iou=_range(f"--iou {iou}", iou),
                 kind=iou_of,
-                duration=_range("--duration", duration),
+                duration=_range(f"--duration {duration}", duration),
                 seed=seed,
                 suffix=_SUFFIXES[bags],
             )
@@ -159,7 +160,7 @@ def _scene(text: str) -> SceneEntry:
         given.setdefault(key, []).append(value)
     allowed: dict[str, tuple[str, ...]] = {"up": ("auto", "y", "z"), "unit": ("m", "cm", "mm")}
     for key, values in given.items():
-        if key not in ("floor", "drop", *allowed) or (key != "drop" and len(values) > 1):
+        if key not in ("floor", "drop", "duration", *allowed) or (key != "drop" and len(values) > 1):
             raise InputError(text, f"{key!r} is said twice, or is no option of a scene", _SCENE_HINT)
         if key in allowed and values[0] not in allowed[key]:
             raise InputError(text, f"{key} cannot be {values[0]!r}", f"allowed: {', '.join(allowed[key])}")
@@ -169,15 +170,16 @@ def _scene(text: str) -> SceneEntry:
         name,
         SceneOptions(**options, drop=tuple(given.get("drop", ()))),
         None if floor is None else _number(text, "floor", floor[0]),
+        _range(text, given["duration"][0]) if "duration" in given else None,
     )
 
 
-def _range(option: str, text: str) -> tuple[float, float]:
+def _range(place: str, text: str) -> tuple[float, float]:
     """Two numbers of "0.2..0.6"."""
     low, dots, high = text.partition("..")
     if not dots:
-        raise InputError(f"{option} {text}", "is no range", "give LO..HI, as in 0.2..0.6")
-    return _number(f"{option} {text}", "the range", low), _number(f"{option} {text}", "the range", high)
+        raise InputError(place, f"{text!r} is no range", "give LO..HI, as in 0.2..0.6")
+    return _number(place, "the range", low), _number(place, "the range", high)
 
 
 def _number(place: str, what: str, text: str) -> float:

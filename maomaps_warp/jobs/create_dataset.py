@@ -52,11 +52,13 @@ class SceneEntry:
         name: a file, or "flat" or "flat:SEED".
         options: how the file is read.
         floor_z: height of the floor, metres; None: found.
+        duration: shortest and longest run, seconds; None: as in the other scenes.
     """
 
     name: str
     options: SceneOptions
     floor_z: float | None = None
+    duration: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -88,8 +90,9 @@ class DatasetOptions:
             raise ValueError("a dataset needs a scene and a sample")
         if not 0.0 <= self.iou[0] < self.iou[1] <= 1.0:
             raise ValueError(f"the overlap must be a range within 0 and 1, got {self.iou}")
-        if not 0.0 < self.duration[0] <= self.duration[1] < np.inf:
-            raise ValueError(f"the duration must be a range above 0, got {self.duration}")
+        for duration in (self.duration, *(entry.duration for entry in self.scenes if entry.duration)):
+            if not 0.0 < duration[0] <= duration[1] < np.inf:
+                raise ValueError(f"the duration must be a range above 0, got {duration}")
 
 
 @dataclass(frozen=True)
@@ -189,7 +192,7 @@ def _record_pair(
         world,
         space,
         robot,
-        duration=options.duration,
+        duration=scene.duration or options.duration,
         kind=options.kind,
         voxel_size=VOXEL_SIZE,
         max_range=rules.max_range,
@@ -312,13 +315,7 @@ def _recipe(options: DatasetOptions) -> dict[str, Any]:
     ):
         del robot[unused]
     scenes = [
-        {
-            "name": Path(entry.name).name,
-            "sha256": _digest(entry.name),
-            "floor_z": entry.floor_z,
-            **asdict(entry.options),
-        }
-        for entry in options.scenes
+        asdict(entry) | {"name": Path(entry.name).name, "sha256": _digest(entry.name)} for entry in options.scenes
     ]
     recipe = {
         "schema": _SCHEMA,
