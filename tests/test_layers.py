@@ -74,7 +74,7 @@ ALLOWED = {
 
 #: Packages that only the named rooms may import, and only inside functions (kernels apart).
 THIRD_PARTY_ROOMS = {"warp": {"kernels", "mapping", "scoring", "merging", "sim", "cli", "io"}}
-ALWAYS_LAZY = {"warp", "scipy", "rosbags", "mcap", "PIL", "trimesh", "ruamel", "rich", "small_gicp"}
+ALWAYS_LAZY = {"warp", "scipy", "rosbags", "mcap", "PIL", "trimesh", "ruamel", "rich", "small_gicp", "viser"}
 
 
 def _modules():

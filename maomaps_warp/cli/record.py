@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -28,6 +28,12 @@ from maomaps_warp.cli.robot_options import (
 )
 from maomaps_warp.errors import InputError
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from maomaps_warp.jobs.drive import Drive
+    from maomaps_warp.jobs.record import RecordOptions
+
 
 def record(
     scene: Annotated[str, typer.Argument(help="A .glb, .gltf, .ply or .obj; or flat, flat:SEED: a furnished flat.")],
@@ -44,6 +50,10 @@ def record(
         Path | None, typer.Option(metavar="FILE", help="Follow these poses exactly (TUM, KITTI, EuRoC, MAOMaps).")
     ] = None,
     pose_frame: PoseFrame = "auto",
+    drive: Annotated[
+        Literal["terminal", "browser"] | None, typer.Option(help="Drive by keys there, instead of exploring.")
+    ] = None,
+    port: Annotated[int, typer.Option(metavar="N", help="Of the page of --drive browser.")] = 8080,
     camera: CameraText = None,
     antialias: Antialias = 2,
     light: Light = "natural",
@@ -69,15 +79,15 @@ def record(
 ) -> None:
     """Send a virtual robot through a scene and record RGB, depth and exact poses, as MAOMaps bags have them.
 
-    It explores, goes along waypoints, or follows a trajectory. Ctrl-C ends the recording; the bag holds the frames
-    until then. Exit code 2: the scene or a place cannot be used, or the bag cannot be written.
+    It explores, goes along waypoints, follows a trajectory, or obeys your keys. Ctrl-C ends the recording; the bag
+    holds the frames until then. Exit code 2: the scene or a place cannot be used, or the bag cannot be written.
     """
     from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
     from maomaps_warp.jobs import record as job
 
     with user_errors(debug):
         check_device_name(device)
-        _check_alone(trajectory, start, waypoint)
+        _check_alone(trajectory, start, waypoint, drive)
         lens = camera_of(camera)
         places = tuple(_place("--waypoint", text) for text in waypoint or ())
         options = replace(
@@ -110,11 +120,21 @@ def record(
         quiet_warp()
         from maomaps_warp.mapping.device import resolve_device
 
-        with progress_clock() as clock:
-            with clock.stage("start device"):
-                used = resolve_device(device, "render")
-            recorded = job.record(scene, output, options, device=used, clock=clock)
         out = console()
+        driven = None
+        if drive is not None:
+            used = resolve_device(device, "render", "map")
+            driven = _driven(scene, output, options, drive, port, used, lambda text: out.print(text, soft_wrap=True))
+        with progress_clock() as clock:
+            if driven is None:
+                with clock.stage("start device"):
+                    used = resolve_device(device, "render")
+                recorded = job.record(scene, output, options, device=used, clock=clock)
+            else:
+                free = driven.space.area
+                recorded = job.record_in(
+                    driven.world, driven.trajectory, output, options, free_area=free, device=used, clock=clock
+                )
         for note in recorded.world.notes:
             out.print(f"note   {note}", soft_wrap=True)
         area = "" if recorded.free_area is None else f"; {recorded.free_area:.1f} m2 free for the robot"
@@ -126,6 +146,34 @@ def record(
         if recorded.is_interrupted:
             out.print(f"stopped after {recorded.frames} of {len(recorded.trajectory)} frames")
             raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _driven(
+    scene: str, output: Path, options: RecordOptions, where: str, port: int, device: str, tell: Callable[[str], None]
+) -> Drive:
+    """A drive by hand that is over, and has a run to be recorded."""
+    from maomaps_warp.cli import drive_browser, drive_terminal
+    from maomaps_warp.io.bags.writing import bag_kind, check_new_bag
+    from maomaps_warp.jobs.drive import Drive
+
+    bag_kind(output)
+    check_new_bag(output, overwrite=options.overwrite)
+    if where == "terminal":
+        drive = Drive(
+            scene, options, drive_terminal.picture_size(options.camera.width / options.camera.height), device=device
+        )
+        drive_terminal.drive_in_terminal(drive)
+    else:
+        drive = Drive(scene, options, drive_browser.PICTURE_SIZE, device=device)
+        view = drive_browser.BrowserView(drive, port)
+        tell(f"drive  {view.address}: Ctrl-C leaves")
+        try:
+            drive_browser.drive_in_browser(drive, view)
+        finally:
+            view.close()
+    if drive.state == "left":
+        raise InputError("the drive", "was left before a run began", "R begins a run, and R again ends it")
+    return drive
 
 
 def _place(option: str, text: str) -> tuple[float, float]:
@@ -144,6 +192,8 @@ def _positive(option: str, value: float) -> float:
     return value
 
 
-def _check_alone(trajectory: Path | None, start: str | None, waypoints: list[str] | None) -> None:
+def _check_alone(trajectory: Path | None, start: str | None, waypoints: list[str] | None, drive: str | None) -> None:
+    if drive is not None and (trajectory is not None or waypoints):
+        raise InputError(f"--drive {drive}", "given beside --trajectory or --waypoint", "give one or the other")
     if trajectory is not None and (start is not None or waypoints):
         raise InputError(f"--trajectory {trajectory}", "given beside --start or --waypoint", "give one or the other")

@@ -21,8 +21,8 @@ Also = Annotated[list[str] | None, typer.Option(metavar="normals|parts", help="R
 EffectNames = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="kinect|blur|shake",
-        help="Depth noise of a Kinect, blur of motion, a trembling camera; repeatable.",
+        metavar="kinect|cnn|blur|shake",
+        help="Depth of a Kinect or of a network, blur of motion, a trembling camera; repeatable.",
     ),
 ]
 Rate = Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")]

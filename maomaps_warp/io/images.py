@@ -112,7 +112,8 @@ def decode_depth(
     if encoding not in DEPTH_ENCODINGS:
         raise InputError(where, f"depth encoding {encoding!r}", f"known: {', '.join(DEPTH_ENCODINGS)}")
     kind, scale = DEPTH_ENCODINGS[encoding]
-    dtype = np.dtype(kind).newbyteorder(">" if is_bigendian else "<")
+    # Spelt out, or else NumPy keeps a mark of the order that other libraries (Open3D) do not take for their own.
+    dtype = np.dtype(f"{'>' if is_bigendian else '<'}{kind}")
     # A copy where rows are padded or start anywhere: kernels want aligned arrays.
     return _metres(np.require(_rows(data, (height, width), step, dtype, where), requirements=["C", "A"]), scale)
 

@@ -252,7 +252,7 @@ def _record_and_map(
         if frames < len(path):
             raise KeyboardInterrupt
     # Ground truth is made of depth without noise.
-    topics = (MAOMAPS_TOPICS.extras[EXACT_DEPTH],) if options.robot.effects.kinect else ()
+    topics = (MAOMAPS_TOPICS.extras[EXACT_DEPTH],) if options.robot.effects.spoils_depth else ()
     rules = MAP_PRESETS["maomaps"]
     reading = SourceOptions(topics=topics, pose_frame="maomaps-c")
     sources = {run: open_recording(bag, rules, reading) for run, bag in bags.items()}

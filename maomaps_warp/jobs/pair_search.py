@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.jobs.record import RecordOptions
+from maomaps_warp.mapping.depth_samples import DepthLimits
 from maomaps_warp.mapping.ground import Ground
-from maomaps_warp.mapping.voxel_map import DepthLimits, build_voxel_map
-from maomaps_warp.model.camera import Camera
+from maomaps_warp.mapping.voxel_map import build_voxel_map
 from maomaps_warp.model.dataset import OverlapFigures
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.model.voxels import VoxelGrid
@@ -94,7 +94,7 @@ class PairSearch:
         self._voxel_size, self._max_range = _COARSER * voxel_size, max_range
         self._simulator = MeshSimulator(
             world,
-            _smaller(options.camera),
+            options.camera.resized(max(1, options.camera.width // _SMALLER), max(1, options.camera.height // _SMALLER)),
             device,
             RenderOptions(are_back_faces_seen=options.render.are_back_faces_seen),
         )
@@ -154,17 +154,10 @@ class PairSearch:
             simulated_frames(self._simulator, few),
             lambda frame: few.T_world_camera[frame.index],
             self._grid,
-            DepthLimits(0.01, self._max_range, 1, 1.0),
+            DepthLimits(max_range=self._max_range),
             device=self._device,
         )
         return built.voxels.points
-
-
-def _smaller(camera: Camera) -> Camera:
-    """A camera of the same view with fewer pixels; pixel (0, 0) is the centre of the first one of both."""
-    width, height = max(1, camera.width // _SMALLER), max(1, camera.height // _SMALLER)
-    x, y = width / camera.width, height / camera.height
-    return Camera(width, height, camera.fx * x, camera.fy * y, (camera.cx + 0.5) * x - 0.5, (camera.cy + 0.5) * y - 0.5)
 
 
 def iou_of(overlap: OverlapFigures, kind: IouKind) -> float:

@@ -41,9 +41,11 @@ __all__ = [
     "RenderOptions",
     "Robot",
     "SceneOptions",
+    "free_start",
     "is_flat",
     "open_world",
     "record",
+    "record_in",
     "record_run",
 ]
 
@@ -153,6 +155,20 @@ def record(
             free_area = space.area
         with clock.stage("plan"):
             trajectory = _driven(world, space, options)
+    return record_in(world, trajectory, output, options, free_area=free_area, device=device, clock=clock)
+
+
+def record_in(
+    world: World,
+    trajectory: Trajectory,
+    output: Path,
+    options: RecordOptions,
+    *,
+    free_area: float | None = None,
+    device: str = "cpu",
+    clock: Stopwatch,
+) -> Recorded:
+    """Record what a robot on a trajectory sees of a world; see `record`."""
     trajectory = camera_path(trajectory, options.effects)
     simulator = MeshSimulator(world, options.camera, device, options.render)
     names = world.parts if options.render.with_parts else ()
@@ -276,7 +292,7 @@ def _driven(world: World, space: FreeSpace, options: RecordOptions) -> Trajector
     planner = Planner(space)
     wanted = [_free_place(space, np.array(place), options.robot) for place in options.places]
     if options.start is None and len(wanted) < 2:
-        wanted = [space.nearest(world.bounds[:, :2].mean(axis=0)), *wanted]
+        wanted = [free_start(world, space, options), *wanted]
     if options.waypoints:
         way = planner.along(np.stack(wanted))
     else:
@@ -285,6 +301,17 @@ def _driven(world: World, space: FreeSpace, options: RecordOptions) -> Trajector
         raise InputError("--waypoint", "all of them are one place", "give two places, or none to explore")
     height = space.floor_z + options.robot.camera_height
     return drive_along(rounded(way, space), height, options.driving, options.duration)
+
+
+def free_start(world: World, space: FreeSpace, options: RecordOptions) -> NDArray[np.float64]:
+    """The start of the options, (2,) metres, else the free place nearest to the scene's middle.
+
+    Raises:
+        InputError: the start is not free.
+    """
+    if options.start is None:
+        return space.nearest(world.bounds[:, :2].mean(axis=0))
+    return _free_place(space, np.array(options.start), options.robot)
 
 
 def _free_place(space: FreeSpace, place: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:

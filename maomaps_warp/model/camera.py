@@ -46,6 +46,11 @@ class Camera:
         focal = 0.5 * width / math.tan(0.5 * math.radians(horizontal_fov_deg))
         return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
+    def resized(self, width: int, height: int) -> Camera:
+        """A camera of the same view, edge to edge, whose image has another size."""
+        x, y = width / self.width, height / self.height
+        return Camera(width, height, self.fx * x, self.fy * y, (self.cx + 0.5) * x - 0.5, (self.cy + 0.5) * y - 0.5)
+
     @classmethod
     def from_text(cls, text: str) -> Camera | None:
         """The camera that `text` describes; None if it is of neither form.

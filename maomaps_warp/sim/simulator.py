@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
-from maomaps_warp.sim.effects import NO_EFFECTS, Effects, blurred, exposure_poses, kinect_depth, shaken
+from maomaps_warp.sim.effects import NO_EFFECTS, Effects, blurred, exposure_poses, shaken
 
 #: Name of the depth without noise among a frame's extras.
 EXACT_DEPTH = "exact_depth"
@@ -79,9 +79,9 @@ def simulated_frames(simulator: Simulator, trajectory: Trajectory, effects: Effe
             if effects.blur and with_colors:
                 others = (simulator.see(T) for T in exposure_poses(trajectory, index))
                 colors = blurred([_checked(other, simulator, True).colors for other in others])
-            if effects.kinect:
+            if effects.spoils_depth:
                 extras[EXACT_DEPTH] = depth
-                depth = kinect_depth(depth, effects.rng(index))
+                depth = effects.depth(depth, index, _seconds(trajectory, index))
             yield Frame(index, None if stamps is None else int(stamps[index]), depth, colors, extras)
 
     return FrameStream(simulator.camera, len(trajectory), read, simulator.source)
@@ -90,6 +90,12 @@ def simulated_frames(simulator: Simulator, trajectory: Trajectory, effects: Effe
 def camera_path(trajectory: Trajectory, effects: Effects) -> Trajectory:
     """The path that the camera takes on a robot on a trajectory: the same, or a shaken one."""
     return shaken(trajectory, effects.seed) if effects.shake else trajectory
+
+
+def _seconds(trajectory: Trajectory, index: int) -> float:
+    """Since the first pose; poses without stamps count as a tenth of a second."""
+    stamps = trajectory.stamps_ns
+    return 0.1 * index if stamps is None else float(stamps[index] - stamps[0]) * 1e-9
 
 
 def _checked(seen: Seen, simulator: Simulator, with_colors: bool) -> Seen:

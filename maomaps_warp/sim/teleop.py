@@ -1,0 +1,95 @@
+"""A robot that somebody drives by keys."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maomaps_warp.sim.agent import looking
+from maomaps_warp.sim.driving import Driving
+from maomaps_warp.sim.free_space import FreeSpace
+
+Key = Literal["forward", "back", "left", "right", "stop"]
+
+#: A key counts as held so long after it was last heard of, seconds: terminals and browsers repeat a key that is held,
+#: the first time after about half a second.
+HOLD_S = 0.6
+#: How fast speed grows and falls, metres per second squared; of turning, radians per second squared.
+_ACCELERATION, _TURN_ACCELERATION = 1.0, 3.0
+#: Way is looked at in steps so long, metres: shorter than a cell of the free space.
+_STEP_M = 0.01
+
+
+class Teleop:
+    """Where the robot is, and what its keys make of it. It never leaves the free space: it slides along walls.
+
+    Args:
+        space: where it can go.
+        driving: greatest speeds; steps per second; pitch of the camera.
+        camera_height: metres above the floor.
+        start: (2,) metres, free.
+        yaw: where it looks first, radians.
+    """
+
+    def __init__(
+        self,
+        space: FreeSpace,
+        driving: Driving,
+        camera_height: float,
+        start: NDArray[np.float64],
+        yaw: float = 0.0,
+    ) -> None:
+        self.place = np.array(start, dtype=np.float64)
+        self.yaw = yaw
+        self.speed = self.turn_rate = 0.0
+        self._space, self._driving, self._camera_height = space, driving, camera_height
+        self._heard: dict[Key, float] = {}
+        self._now = 0.0
+
+    def press(self, key: Key) -> None:
+        """A key went down, or is still down; "stop" forgets all others."""
+        if key == "stop":
+            self._heard.clear()
+        else:
+            self._heard[key] = self._now
+
+    def step(self) -> None:
+        """Go on by one step of 1 / rate seconds."""
+        seconds = 1.0 / self._driving.rate_hz
+        self._now += seconds
+        wanted = self._driving.speed * (self._holds("forward") - self._holds("back"))
+        turning = self._driving.turn_rate * (self._holds("left") - self._holds("right"))
+        self.speed = _towards(self.speed, wanted, _ACCELERATION * seconds)
+        self.turn_rate = _towards(self.turn_rate, turning, _TURN_ACCELERATION * seconds)
+        self.yaw += self.turn_rate * seconds
+        ahead = self.speed * seconds * np.array([np.cos(self.yaw), np.sin(self.yaw)])
+        self._go(ahead)
+
+    @property
+    def T_world_camera(self) -> NDArray[np.float64]:
+        """(4, 4), optical frame."""
+        position = np.append(self.place, self._space.floor_z + self._camera_height)
+        return np.asarray(looking(position[None], np.array([self.yaw]), np.array([self._driving.pitch]))[0])
+
+    def _holds(self, key: Key) -> bool:
+        return key in self._heard and self._now - self._heard[key] <= HOLD_S
+
+    def _go(self, way: NDArray[np.float64]) -> None:
+        steps = int(np.ceil(np.linalg.norm(way) / _STEP_M))
+        for _ in range(steps):
+            part = way / steps
+            # Straight on, else along the wall: what is left of the way along one axis.
+            tries = (part, part * [1.0, 0.0], part * [0.0, 1.0])
+            free = next(
+                (move for move in tries if move.any() and self._space.holds((self.place + move)[None])[0]), None
+            )
+            if free is None:
+                self.speed = 0.0
+                return
+            self.place = self.place + free
+
+
+def _towards(value: float, goal: float, step: float) -> float:
+    return float(np.clip(goal, value - step, value + step))

@@ -1,0 +1,175 @@
+"""Run Open3D's RGB-D odometry over recorded bags, and score its trajectories and maps: the paper's Table III.
+
+    pip install '.[odometry]'
+    python scripts/rgbd_odometry.py run.bag -o results                   # one recording
+    python scripts/rgbd_odometry.py mini_maomaps/*/*.bag -o results      # a dataset: also the table of its means
+
+Each bag is run twice: with its depth, and with depth as a network would guess it (`--depth exact cnn kinect`; the
+effects of `maomaps-warp record`). Frames are tracked against a keyframe by Open3D's multi-scale hybrid odometry (of
+colours and depth), and fused into a TSDF volume, whose surface is the estimated map. Nothing of it is ours: this is an
+example of a method under test, and not of a good one, since it closes no loops.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import maomaps_warp as mw
+from maomaps_warp.io.clouds import write_pcd
+from maomaps_warp.io.trajectories import write_tum
+from maomaps_warp.sim.effects import Effects
+
+#: A new keyframe after so many metres or radians, or when less of the image than this share was tracked.
+_KEYFRAME_M, _KEYFRAME_RAD, _KEYFRAME_FITNESS = 0.15, 0.12, 0.6
+#: Depth that is used, metres; edge of a voxel of the map and truncation of its distances in voxels.
+_FARTHEST_M, _MAP_VOXEL_M, _TRUNCATION_VOXELS = 6.0, 0.025, 4.0
+#: Room for blocks of 16^3 voxels at the beginning; and how often a voxel must be seen.
+_BLOCKS, _SEEN = 20_000, 3.0
+#: Of a row of the table: RMSE of the trajectory, means of the map's distances (and a median), metres.
+_FIGURES = ("ate", "nearest", "rays", "rays_median", "rays_relative")
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What the odometry made of a recording."""
+
+    trajectory: mw.Trajectory
+    points: np.ndarray
+    lost: int
+
+
+def run_odometry(source: mw.Source, effects: Effects) -> Estimate:
+    """Track the frames of a recording; the first pose is the true one, so that the worlds are one."""
+    import open3d as o3d
+
+    assert source.frames is not None and source.trajectory is not None
+    camera = source.frames.camera
+    K = o3d.core.Tensor(np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]))
+    volume = o3d.t.geometry.VoxelBlockGrid(
+        ("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1), (1)), _MAP_VOXEL_M, 16, _BLOCKS
+    )
+    start = source.trajectory.T_world_camera[0]
+    key_pose, key_frame, pose, motion = start, None, start, np.eye(4)
+    stamps, poses, lost = [], [], 0
+    first = None
+    for frame in source.frames.read(True):
+        assert frame.stamp_ns is not None and frame.colors is not None
+        first = frame.stamp_ns if first is None else first
+        depth = effects.depth(frame.depth, frame.index, (frame.stamp_ns - first) * 1e-9)
+        image = o3d.t.geometry.Image(depth)
+        now = o3d.t.geometry.RGBDImage(o3d.t.geometry.Image(np.ascontiguousarray(frame.colors)), image)
+        if key_frame is not None:
+            guess = np.linalg.inv(key_pose) @ pose @ motion
+            found = _track(o3d, now, key_frame, K, guess)
+            if found is None:
+                lost += 1
+                key_pose, key_frame = pose @ motion, now
+                pose = key_pose
+            else:
+                T_key_now, fitness = found
+                motion, pose = np.linalg.inv(pose) @ key_pose @ T_key_now, key_pose @ T_key_now
+                turn = np.arccos(np.clip((np.trace(T_key_now[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
+                is_far = np.linalg.norm(T_key_now[:3, 3]) > _KEYFRAME_M or turn > _KEYFRAME_RAD
+                if is_far or fitness < _KEYFRAME_FITNESS:
+                    key_pose, key_frame = pose, now
+        else:
+            key_frame = now
+        stamps.append(frame.stamp_ns)
+        poses.append(pose)
+        extrinsic = o3d.core.Tensor(np.linalg.inv(pose))
+        limits = (1.0, _FARTHEST_M, _TRUNCATION_VOXELS)
+        blocks = volume.compute_unique_block_coordinates(image, K, extrinsic, *limits)
+        volume.integrate(blocks, image, K, extrinsic, *limits)
+    cloud = volume.extract_point_cloud(_SEEN).point.positions.numpy()
+    return Estimate(mw.Trajectory(np.stack(poses), np.array(stamps, dtype=np.int64), "Open3D odometry"), cloud, lost)
+
+
+def _track(o3d: Any, now: Any, key: Any, K: Any, guess: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Pose of the frame in the keyframe's and the share of it that was tracked; None where tracking failed."""
+    odometry = o3d.t.pipelines.odometry
+    try:
+        found = odometry.rgbd_odometry_multi_scale(
+            now,
+            key,
+            K,
+            o3d.core.Tensor(guess),
+            1.0,
+            _FARTHEST_M,
+            [odometry.OdometryConvergenceCriteria(n) for n in (10, 8, 6)],
+            odometry.Method.Hybrid,
+        )
+    except RuntimeError:  # a singular system: nothing to hold on to
+        return None
+    T = found.transformation.numpy()
+    return (T, float(found.fitness)) if np.isfinite(T).all() and found.fitness > 0.1 else None
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bags", type=Path, nargs="+", help="bags of `maomaps-warp record` or of a MAOMaps sample")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for trajectories, maps and scores")
+    parser.add_argument("--depth", nargs="+", default=["exact", "cnn"], choices=["exact", "cnn", "kinect"])
+    parser.add_argument("--pose-frame", default="maomaps-c", help="what the recorded poses mean")
+    parser.add_argument("--seed", type=int, default=0, help="of the errors of depth")
+    asked = parser.parse_args()
+    rows = []
+    for number, bag in enumerate(asked.bags):
+        for depth in asked.depth:
+            effects = Effects.of([] if depth == "exact" else [depth], asked.seed + number)
+            rows.append(_one(bag, depth, effects, asked.output, asked.pose_frame))
+            print(_line(rows[-1]), flush=True)
+    print()
+    for depth in asked.depth:
+        mine = [row for row in rows if row["depth"] == depth]
+        means = {key: np.mean([row[key] for row in mine]) for key in _FIGURES}
+        print(_line({"bag": f"mean of {len(mine)}", "depth": depth, "lost": sum(row["lost"] for row in mine), **means}))
+    with (asked.output / "table.json").open("w", encoding="utf-8") as file:
+        json.dump(rows, file, indent=2)
+    return 0
+
+
+def _one(bag: Path, depth: str, effects: Effects, output: Path, pose_frame: str) -> dict[str, Any]:
+    gt = mw.open_source(bag, mw.SourceOptions(pose_frame=pose_frame), side="gt")
+    folder = output / f"{bag.parent.name}_{bag.stem}_{depth}"
+    files = folder / "est_map.pcd", folder / "est_trajectory.txt"
+    facts = folder / "odometry.json"
+    if not facts.exists():  # what is there stays
+        folder.mkdir(parents=True, exist_ok=True)
+        estimate = run_odometry(gt, effects)
+        write_pcd(files[0], estimate.points, None)
+        write_tum(files[1], estimate.trajectory)
+        facts.write_text(json.dumps({"lost": estimate.lost}) + "\n", encoding="utf-8")
+    est = mw.source_from_parts(*files, side="est")
+    protocol = replace(mw.load_protocol("maomaps"), align="none")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        score = mw.score(gt, est, protocol, device="cpu").score
+    return {
+        "bag": f"{bag.parent.name}/{bag.name}",
+        "depth": depth,
+        "ate": score.ate.errors["absolute"].translation.rmse,
+        "nearest": score.ame_nn.accuracy.mean,
+        "rays": score.ame_ray.absolute.mean,
+        "rays_median": score.ame_ray.absolute.median,
+        "rays_relative": score.ame_ray.relative.mean,
+        "counts": score.ame_ray.counts,
+        "lost": json.loads(facts.read_text(encoding="utf-8"))["lost"],
+    }
+
+
+def _line(row: dict[str, Any]) -> str:
+    ate, nearest, rays, median, relative = (f"{row[key]:.3f}" for key in _FIGURES)
+    figures = f"ATE {ate}  AME {nearest}  by rays {rays} (median {median}; relative {relative})"
+    return f"{row['bag']:<24} {row['depth']:<7} {figures}  lost {row['lost']}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
