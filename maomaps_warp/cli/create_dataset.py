@@ -116,13 +116,17 @@ def create_dataset(
         with progress_clock() as clock:
             with clock.stage("start device"):
                 used = resolve_device(device, "render", "map")
-            made = job.create_dataset(
-                output,
-                options,
-                device=used,
-                clock=clock,
-                tell=lambda sample: out.print(told.line(sample), soft_wrap=True),
-            )
+            try:
+                made = job.create_dataset(
+                    output,
+                    options,
+                    device=used,
+                    clock=clock,
+                    tell=lambda sample: out.print(told.line(sample), soft_wrap=True),
+                )
+            except KeyboardInterrupt:
+                out.print(f"stopped after {told.seen} of {samples} samples; the same command goes on from there")
+                raise
         with progress_clock() as clock:
             table = describe_dataset(output, voxel_size=job.VOXEL_SIZE, ground="robust", clock=clock)
         for part in dataset_tables(table):
@@ -134,18 +138,19 @@ class _Told:
     """A line for each sample, with the time that the others will take."""
 
     def __init__(self, samples: int) -> None:
-        self._samples, self._made, self._seen, self._start = samples, 0, 0, time.monotonic()
+        self.seen = 0
+        self._samples, self._made, self._start = samples, 0, time.monotonic()
 
     def line(self, sample: DatasetSample) -> str:
-        self._seen += 1
+        self.seen += 1
         iou: dict[str, Any] = sample.facts["iou"]
         text = f"{sample.name:<9} {sample.facts['scene']}: IoU {iou[iou['of']]:.3f} ({iou['of']})"
         if sample.was_there:
             return f"{text}, was there"
         self._made += 1
-        left = (time.monotonic() - self._start) / self._made * (self._samples - self._seen)
+        left = (time.monotonic() - self._start) / self._made * (self._samples - self.seen)
         tries = f", {iou['tries']} tries" if iou["tries"] > 1 else ""
-        return text + tries + (f"; about {math.ceil(left / 60)} min left" if self._seen < self._samples else "")
+        return text + tries + (f"; about {math.ceil(left / 60)} min left" if self.seen < self._samples else "")
 
 
 def _scene(text: str) -> SceneEntry:

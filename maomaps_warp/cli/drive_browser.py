@@ -33,6 +33,9 @@ _BEHIND = np.array([0.0, -1.6, -2.4])
 class BrowserView:
     """The page, kept up to date.
 
+    Attributes:
+        commands: what each key does.
+
     Args:
         drive: what it shows and steers.
         port: of the page, on this machine alone.
@@ -49,6 +52,7 @@ class BrowserView:
                 "--drive browser", "viser is not installed", "pip install 'maomaps-warp[browser]'"
             ) from None
         self.drive = drive
+        self.commands: dict[str, Callable[[], None]] = {}
         with redirect_stdout(StringIO()):  # its greeting
             self.server = viser.ViserServer(host="127.0.0.1", port=port, label="maomaps-warp", verbose=False)
         self.server.gui.configure_theme(control_width="large")
@@ -113,6 +117,7 @@ class BrowserView:
             self.server.stop()
 
     def _command(self, label: str, hotkey: Any, then: Callable[[], None]) -> None:
+        self.commands[hotkey] = then
         self.server.gui.add_command(label, hotkey=hotkey).on_trigger(lambda _: then())
 
     def _pressed(self, key: Key) -> Callable[[], None]:

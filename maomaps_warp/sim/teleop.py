@@ -18,6 +18,8 @@ Key = Literal["forward", "back", "left", "right", "stop"]
 HOLD_S = 0.6
 #: How fast speed grows and falls, metres per second squared; of turning, radians per second squared.
 _ACCELERATION, _TURN_ACCELERATION = 1.0, 3.0
+#: Of sums of steps; far below any speed.
+_ROUNDING = 1e-9
 #: Way is looked at in steps so long, metres: shorter than a cell of the free space.
 _STEP_M = 0.01
 
@@ -92,4 +94,5 @@ class Teleop:
 
 
 def _towards(value: float, goal: float, step: float) -> float:
-    return float(np.clip(goal, value - step, value + step))
+    """One step nearer to the goal, and exactly there in the end."""
+    return goal if abs(goal - value) <= step + _ROUNDING else value + float(np.copysign(step, goal - value))

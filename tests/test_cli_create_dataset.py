@@ -1,0 +1,195 @@
+"""`create-dataset`: pairs of runs that overlap as asked, whole samples, and a dataset that goes on where it was."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from maomaps_warp.cli.app import app
+from maomaps_warp.jobs import create_dataset as job
+from maomaps_warp.model.voxels import VoxelGrid
+
+SMALL = ("--camera", "48x36@90", "--antialias", "1", "--rate", "5", "--duration", "6..14", "--device", "cpu")
+
+
+def create(folder: Path, samples: int, *options: str, scenes: tuple[str, ...] = ("flat:1", "flat:2")) -> Result:
+    command = ["create-dataset", *scenes, "-o", str(folder), "--samples", str(samples), *SMALL, *options]
+    return CliRunner().invoke(app, command)
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    folder = tmp_path_factory.mktemp("datasets") / "mini"
+    return folder, create(folder, 2)
+
+
+def test_every_sample_is_whole_and_overlaps_as_asked(dataset: tuple[Path, Result]) -> None:
+    folder, done = dataset
+    assert done.exit_code == 0, done.output
+    assert sorted(entry.name for entry in folder.iterdir()) == ["dataset.json", "sample1", "sample2"]
+    for number, scene in ((1, "flat:1"), (2, "flat:2")):
+        sample = folder / f"sample{number}"
+        names = {file.name for file in sample.iterdir()}
+        for run in ("first", "second"):
+            assert {f"{run}.bag", f"gt_points_{run}.pcd", f"gt_points_{run}.txt", f"gt_colors_{run}.txt"} <= names
+            assert {f"gt_poses_{run}.txt", f"start_pose_{run}.txt", f"goal_pose_{run}.txt"} <= names
+        assert {"gt_points_merged.pcd", "sample.json"} <= names
+        facts = json.loads((sample / "sample.json").read_text())
+        assert facts["scene"] == scene
+        # The overlap by NumPy, of what the files hold.
+        first, second = (
+            {tuple(row) for row in np.rint(np.loadtxt(sample / f"gt_points_{run}.txt") / 0.05).astype(int)}
+            for run in ("first", "second")
+        )
+        iou = len(first & second) / len(first | second)
+        assert iou == pytest.approx(facts["iou"]["voxels"], abs=1e-12) and 0.2 <= iou <= 0.6
+        assert f"IoU {iou:.3f} (voxels)" in done.stdout
+    assert "Sample" in done.stdout and "IoU 3D" in done.stdout, "Table II"
+
+
+def test_a_dataset_that_was_made_in_parts_has_the_same_bytes(dataset: tuple[Path, Result], tmp_path: Path) -> None:
+    folder, _ = dataset
+    assert create(tmp_path / "mini", 1).exit_code == 0
+    (tmp_path / "mini" / ".sample2.part").mkdir()  # of a run that was killed
+    (tmp_path / "mini" / ".sample2.part" / "first.bag").write_bytes(b"half")
+    done = create(tmp_path / "mini", 2)
+    assert done.exit_code == 0 and "sample1   flat:1: IoU" in done.stdout and ", was there" in done.stdout
+    assert tree(tmp_path / "mini") == tree(folder)
+
+
+def test_ctrl_c_leaves_the_samples_that_are_whole(
+    dataset: tuple[Path, Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, _ = dataset
+    bags: list[Path] = []
+    real = job.record_run
+
+    def interrupted(simulator: Any, trajectory: Any, output: Path, **options: Any) -> int:
+        bags.append(output)
+        frames = real(simulator, trajectory, output, **options)
+        return frames - 1 if "sample2" in str(output.parent) else frames
+
+    monkeypatch.setattr(job, "record_run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        create(tmp_path / "mini", 2)
+    assert bags
+    assert sorted(entry.name for entry in (tmp_path / "mini").iterdir()) == ["dataset.json", "sample1"]
+    monkeypatch.undo()
+    assert create(tmp_path / "mini", 2).exit_code == 0
+    assert tree(tmp_path / "mini") == tree(folder)
+
+
+@pytest.mark.slow
+def test_noise_spoils_the_images_and_not_the_ground_truth(dataset: tuple[Path, Result], tmp_path: Path) -> None:
+    folder, _ = dataset
+    done = create(tmp_path / "mini", 1, "--effect", "kinect", "--effect", "blur")
+    assert done.exit_code == 0, done.output
+    noisy, exact = tree(tmp_path / "mini" / "sample1"), tree(folder / "sample1")
+    assert noisy["first.bag"] != exact["first.bag"]
+    for name in exact:
+        # Colours are blurred, in the PCD files too.
+        if name.endswith(".txt") and not name.startswith("gt_colors"):
+            assert noisy[name] == exact[name], name
+
+
+def test_other_options_do_not_go_on_with_a_dataset(dataset: tuple[Path, Result]) -> None:
+    folder, _ = dataset
+    before = tree(folder)
+    for options, words in (
+        (("--seed", "1"), "seed, robot"),
+        (("--iou", "0.3..0.6"), "iou"),
+        (("--speed", "0.4"), "robot"),
+    ):
+        done = create(folder, 2, *options)
+        assert done.exit_code == 2 and f"was made with other options: {words}" in done.stderr
+    assert create(folder, 2, scenes=("flat:1",)).exit_code == 2
+    assert tree(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "scenes", "words"),
+    [
+        (("--iou", "0.2"), ("flat",), "--iou 0.2: '0.2' is no range (give LO..HI"),
+        (("--iou", "0.2..x"), ("flat",), "the range holds 'x', which is no number"),
+        (("--iou", "0.6..0.2"), ("flat",), "the overlap must be a range within 0 and 1"),
+        (("--duration", "0..5"), ("flat",), "the duration must be a range above 0"),
+        ((), ("flat,duration=5..1",), "the duration must be a range above 0"),
+        ((), ("flat,colour=red",), "'colour' is said twice, or is no option of a scene"),
+        ((), ("flat,floor=0,floor=1",), "'floor' is said twice"),
+        ((), ("flat,unit=ft",), "unit cannot be 'ft' (allowed: m, cm, mm)"),
+        ((), ("flat,floor=low",), "floor holds 'low', which is no number"),
+        ((), ("nowhere.glb",), "nowhere.glb: cannot be read: No such file"),
+        (("--also", "heat"), ("flat",), "--also heat: no such images"),
+        (("--effect", "fog"), ("flat",), "'fog' is no effect"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_one_line(
+    tmp_path: Path, options: tuple[str, ...], scenes: tuple[str, ...], words: str
+) -> None:
+    done = create(tmp_path / "mini", 1, *options, scenes=scenes)
+    assert done.exit_code == 2 and words in done.stderr, done.output
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_overlap_that_no_runs_have_is_told_with_what_they_have(tmp_path: Path) -> None:
+    done = create(tmp_path / "mini", 1, "--iou", "0.97..0.98", "--duration", "2..3")
+    assert done.exit_code == 2
+    assert "overlap by 0.97 to 0.98 (voxels); the nearest: 0." in done.stderr
+    assert [entry.name for entry in (tmp_path / "mini").iterdir()] == ["dataset.json"]
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mini").mkdir()
+    (tmp_path / "mini" / "notes.txt").write_text("precious")
+    done = create(tmp_path / "mini", 1)
+    assert done.exit_code == 2 and "is no dataset that was made here" in done.stderr
+    assert tree(tmp_path) == {"mini/notes.txt": b"precious"}
+
+
+def test_a_damaged_recipe_and_a_foreign_sample_are_named(tmp_path: Path) -> None:
+    folder = tmp_path / "mini"
+    folder.mkdir()
+    (folder / "dataset.json").write_text("{")
+    done = create(folder, 1)
+    assert done.exit_code == 2 and "dataset.json: cannot be read" in done.stderr
+    (folder / "dataset.json").unlink()
+    assert create(folder, 1, "--iou", "0.97..0.98", "--duration", "2..3").exit_code == 2
+    (folder / "sample1").mkdir()
+    done = create(folder, 1, "--iou", "0.97..0.98", "--duration", "2..3")
+    assert done.exit_code == 2 and "sample1: is no sample that was made here" in done.stderr
+
+
+def test_rough_maps_of_all_runs_lie_on_one_lattice() -> None:
+    from maomaps_warp.jobs.pair_search import PairSearch
+    from maomaps_warp.jobs.record import RecordOptions, SceneOptions, open_world
+    from maomaps_warp.sim.free_space import find_free_space
+
+    world, options = open_world("flat:1", SceneOptions()), RecordOptions()
+    search = PairSearch(
+        world,
+        find_free_space(world, options.robot),
+        options,
+        duration=(4.0, 8.0),
+        kind="voxels",
+        voxel_size=0.05,
+        max_range=10.0,
+        seed=(1,),
+        device="cpu",
+    )
+    pair = search.pair(0.4)
+    a, b = ({tuple(c) for c in np.rint(run.points / 0.1).astype(int)} for run in (pair.first, pair.second))
+    np.testing.assert_allclose(pair.first.points / 0.1, np.rint(pair.first.points / 0.1), rtol=0, atol=1e-9)
+    assert len(a & b) / len(a | b) == pytest.approx(pair.expected_iou, abs=1e-12)
+    search.learn(pair, 0.5 * pair.expected_iou)
+    assert search.pair(0.4) != pair
+    assert VoxelGrid.around(pair.first.points, 0.1).voxel_size == 0.1

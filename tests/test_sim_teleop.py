@@ -1,0 +1,76 @@
+"""A robot driven by keys."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from maomaps_warp.sim.driving import Driving
+from maomaps_warp.sim.free_space import FreeSpace
+from maomaps_warp.sim.teleop import HOLD_S, Teleop
+
+#: 4 m x 3 m, free but for a wall of half a metre around and a pillar; floor at 0.5 m.
+FREE = np.zeros((81, 61), dtype=bool)
+FREE[10:71, 10:51] = True
+FREE[40:50, 25:35] = False
+SPACE = FreeSpace(np.array([0.0, 0.0]), 0.05, FREE, 0.5)
+DRIVING = Driving(speed=0.5, turn_rate=1.0, rate_hz=10.0)
+
+
+def robot(x: float = 1.0, y: float = 1.5, yaw: float = 0.0) -> Teleop:
+    return Teleop(SPACE, DRIVING, 1.0, np.array([x, y]), yaw)
+
+
+def hold(teleop: Teleop, key: str, seconds: float) -> None:
+    for _ in range(round(10 * seconds)):
+        teleop.press(key)  # type: ignore[arg-type]
+        teleop.step()
+
+
+def test_it_speeds_up_goes_and_comes_to_rest() -> None:
+    teleop = robot(0.6)
+    hold(teleop, "forward", 1.0)
+    assert teleop.speed == 0.5
+    # 0.1, 0.2, ... 0.5 m/s at an acceleration of 1 m/s2, then five steps of 0.5 m/s, a tenth of a second each.
+    np.testing.assert_allclose(teleop.place, [0.6 + 0.15 + 0.25, 1.5], rtol=0, atol=1e-9)
+    for _ in range(round(10 * (HOLD_S + 0.6))):
+        teleop.step()
+    assert teleop.speed == 0.0, "a key that is not heard of any more is let go"
+
+
+def test_stop_lets_go_of_all_keys() -> None:
+    teleop = robot()
+    hold(teleop, "forward", 1.0)
+    teleop.press("stop")
+    for _ in range(5):
+        teleop.step()
+    assert teleop.speed == 0.0
+
+
+def test_left_turns_left_and_back_goes_back() -> None:
+    teleop = robot()
+    hold(teleop, "left", 1.0)
+    assert 0.5 < teleop.yaw < 1.0
+    teleop = robot()
+    hold(teleop, "back", 0.8)
+    assert teleop.place[0] < 0.8 and teleop.place[1] == 1.5
+
+
+def test_it_never_leaves_the_free_space_and_slides_along_walls() -> None:
+    teleop = robot(1.0, 1.0, yaw=-0.5)
+    hold(teleop, "forward", 8.0)
+    assert SPACE.holds(teleop.place[None])[0]
+    np.testing.assert_allclose(teleop.place[1], 0.5, rtol=0, atol=0.05)
+    assert teleop.place[0] > 3.0, "it slid along the wall"
+    rng = np.random.default_rng(0)
+    wild = robot()
+    for _ in range(2000):
+        wild.press(rng.choice(["forward", "forward", "back", "left", "right"]))
+        wild.step()
+        assert SPACE.holds(wild.place[None])[0]
+
+
+def test_the_camera_looks_where_the_robot_goes() -> None:
+    T = robot(1.0, 1.5, yaw=np.pi / 2).T_world_camera
+    np.testing.assert_allclose(T[:3, 3], [1.0, 1.5, 1.5])
+    np.testing.assert_allclose(T[:3, 2], [0.0, 1.0, 0.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(T[:3, 1], [0.0, 0.0, -1.0], rtol=0, atol=1e-12)
