@@ -73,10 +73,10 @@ def test_ctrl_c_leaves_the_samples_that_are_whole(
     bags: list[Path] = []
     real = job.record_run
 
-    def interrupted(simulator: Any, trajectory: Any, output: Path, **options: Any) -> int:
+    def interrupted(simulator: Any, trajectory: Any, output: Path, **options: Any) -> tuple[int, float]:
         bags.append(output)
-        frames = real(simulator, trajectory, output, **options)
-        return frames - 1 if "sample2" in str(output.parent) else frames
+        frames, empty = real(simulator, trajectory, output, **options)
+        return (frames - 1 if "sample2" in str(output.parent) else frames), empty
 
     monkeypatch.setattr(job, "record_run", interrupted)
     with pytest.raises(KeyboardInterrupt):

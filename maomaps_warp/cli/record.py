@@ -141,7 +141,10 @@ def record(
         triangles, parts = len(recorded.world.triangles), len(recorded.world.parts)
         out.print(f"scene  {recorded.world.source}: {triangles} triangles, parts: {parts}{area}", soft_wrap=True)
         run = recorded.run
-        out.print(f"run    {recorded.frames} frames, {run.path_length:.2f} m, {run.duration_s or 0.0:.1f} s")
+        length = f"{run.path_length:.2f} m, {run.duration_s or 0.0:.1f} s"
+        out.print(
+            f"run    {recorded.frames} frames, {length}; {100.0 * recorded.empty:.1f} % of the pixels see nothing"
+        )
         out.print(f"wrote  {output}", soft_wrap=True)
         if recorded.is_interrupted:
             out.print(f"stopped after {recorded.frames} of {len(recorded.trajectory)} frames")

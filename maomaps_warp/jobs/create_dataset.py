@@ -207,11 +207,11 @@ def _record_pair(
         if not low <= pair.expected_iou <= high:
             found.append(pair.expected_iou)
             break
-        made = _record_and_map(part, pair, simulator, world, options, device, clock)
+        made, empty = _record_and_map(part, pair, simulator, world, options, device, clock)
         assert made.figures.overlap is not None
         iou = iou_of(made.figures.overlap, options.kind)
         if low <= iou <= high:
-            return _facts(name, scene, pair, made, wanted, tried, options)
+            return _facts(name, scene, pair, made, empty, wanted, tried, options)
         found.append(iou)
         search.learn(pair, iou)
         shutil.rmtree(part)
@@ -232,16 +232,16 @@ def _record_and_map(
     options: DatasetOptions,
     device: str,
     clock: Stopwatch,
-) -> MadeSample:
-    """Record both runs into the folder, and map what the bags hold."""
+) -> tuple[MadeSample, dict[str, float]]:
+    """Record both runs into the folder, and map what the bags hold; also the share of pixels that see nothing."""
     part.mkdir(parents=True)
-    bags = {}
+    bags, empty = {}, {}
     for run, planned in zip(_RUNS, (pair.first, pair.second), strict=True):
         bags[run] = part / f"{run}{options.suffix}"
         effects = replace(options.robot.effects, seed=_effect_seed(options.robot.effects, planned))
         path = camera_path(planned.trajectory, effects)
         with clock.stage("record") as progress:
-            frames = record_run(
+            frames, empty[run] = record_run(
                 simulator,
                 path,
                 bags[run],
@@ -256,7 +256,7 @@ def _record_and_map(
     rules = MAP_PRESETS["maomaps"]
     reading = SourceOptions(topics=topics, pose_frame="maomaps-c")
     sources = {run: open_recording(bag, rules, reading) for run, bag in bags.items()}
-    return make_sample(SamplePlace(part, bags), sources, rules, device=device, clock=clock)
+    return make_sample(SamplePlace(part, bags), sources, rules, device=device, clock=clock), empty
 
 
 def _effect_seed(effects: Effects, run: PlannedRun) -> int:
@@ -269,6 +269,7 @@ def _facts(
     scene: SceneEntry,
     pair: PlannedPair,
     made: MadeSample,
+    empty: dict[str, float],
     wanted: float,
     tried: int,
     options: DatasetOptions,
@@ -283,6 +284,7 @@ def _facts(
             "frames": len(planned.trajectory),
             "path_length_m": planned.trajectory.path_length,
             "duration_s": planned.trajectory.duration_s,
+            "pixels_that_see_nothing": empty[run],
         }
         for run, planned in zip(_RUNS, (pair.first, pair.second), strict=True)
     }

@@ -28,7 +28,7 @@ from maomaps_warp.sim.recorder import MAOMAPS_TOPICS, write_rgbd_bag
 from maomaps_warp.sim.render import MeshSimulator, RenderOptions
 from maomaps_warp.sim.scene import furnished_flat
 from maomaps_warp.sim.scene_files import SceneOptions, read_world
-from maomaps_warp.sim.simulator import Simulator, camera_path, simulated_frames
+from maomaps_warp.sim.simulator import EXACT_DEPTH, Simulator, camera_path, simulated_frames
 from maomaps_warp.sim.world import World
 from maomaps_warp.stopwatch import Stopwatch
 
@@ -44,6 +44,7 @@ __all__ = [
     "free_start",
     "is_flat",
     "open_world",
+    "plan_run",
     "record",
     "record_in",
     "record_run",
@@ -104,12 +105,14 @@ class Recorded:
 
     Attributes:
         frames: how many.
+        empty: share of their pixels that see nothing.
         trajectory: the poses that were planned.
         world: what was seen.
         free_area: square metres in which the robot could go; None where it followed a file.
     """
 
     frames: int
+    empty: float
     trajectory: Trajectory
     world: World
     free_area: float | None
@@ -145,17 +148,30 @@ def record(
     check_new_bag(output, overwrite=options.overwrite)
     with clock.stage("read scene"):
         world = open_world(scene, options.scene)
-    free_area = None
-    if options.trajectory is not None:
-        trajectory = _followed(options)
-    else:
-        with clock.stage("free space"):
-            around = np.array(options.places[0]) if options.places else None
-            space = find_free_space(world, options.robot, around=around, floor_z=options.floor_z, device=device)
-            free_area = space.area
-        with clock.stage("plan"):
-            trajectory = _driven(world, space, options)
+    trajectory, free_area = plan_run(world, options, device=device, clock=clock)
     return record_in(world, trajectory, output, options, free_area=free_area, device=device, clock=clock)
+
+
+def plan_run(
+    world: World, options: RecordOptions, *, device: str = "cpu", clock: Stopwatch | None = None
+) -> tuple[Trajectory, float | None]:
+    """Where the camera of a robot goes through a world.
+
+    Returns:
+        Its poses, with stamps, without the shaking of `options.effects`; and the square metres that are free for the
+        robot, None where it follows a file.
+
+    Raises:
+        InputError: there is no free space, a place is not free, or the file of poses cannot be used.
+    """
+    clock = clock or Stopwatch()
+    if options.trajectory is not None:
+        return _followed(options), None
+    with clock.stage("free space"):
+        around = np.array(options.places[0]) if options.places else None
+        space = find_free_space(world, options.robot, around=around, floor_z=options.floor_z, device=device)
+    with clock.stage("plan"):
+        return _driven(world, space, options), space.area
 
 
 def record_in(
@@ -173,7 +189,7 @@ def record_in(
     simulator = MeshSimulator(world, options.camera, device, options.render)
     names = world.parts if options.render.with_parts else ()
     with clock.stage("record") as progress:
-        frames = record_run(
+        frames, empty = record_run(
             simulator,
             trajectory,
             output,
@@ -182,7 +198,7 @@ def record_in(
             overwrite=options.overwrite,
             progress=progress,
         )
-    return Recorded(frames, trajectory, world, free_area)
+    return Recorded(frames, empty, trajectory, world, free_area)
 
 
 def record_run(
@@ -194,7 +210,7 @@ def record_run(
     part_names: Sequence[str] = (),
     overwrite: bool = False,
     progress: Progress | None = None,
-) -> int:
+) -> tuple[int, float]:
     """Record what a simulator shows along a trajectory, as MAOMaps bags have it.
 
     The first Ctrl-C closes the bag after the frame that it is at; the second leaves nothing.
@@ -209,19 +225,20 @@ def record_run(
         progress: told how many frames there are (done, total).
 
     Returns:
-        How many frames were recorded.
+        How many frames were recorded, and the share of their pixels that see nothing.
 
     Raises:
         InputError: the bag cannot be written.
         ValueError: poses without stamps, or images of a wrong shape or type.
     """
-    frames = 0
+    frames = empty = 0
     stream = simulated_frames(simulator, trajectory, effects)
 
     def read(with_colors: bool) -> Iterator[Frame]:
-        nonlocal frames
+        nonlocal frames, empty
         for frame in stream.read(with_colors):
             frames += 1
+            empty += np.count_nonzero(frame.extras.get(EXACT_DEPTH, frame.depth) == 0.0)
             yield frame
             if progress is not None:
                 progress(frames, len(trajectory))
@@ -237,7 +254,7 @@ def record_run(
             stop=stop,
             overwrite=overwrite,
         )
-    return frames
+    return frames, empty / max(1, frames * simulator.camera.width * simulator.camera.height)
 
 
 @contextmanager

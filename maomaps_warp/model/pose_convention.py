@@ -24,6 +24,8 @@ _T_AXES_CAMERA: dict[Axes, NDArray[np.float64]] = {
     "body": T_BODY_CAMERA,
     "opengl": np.diag([1.0, -1.0, -1.0, 1.0]),
 }
+#: (x, y, z) of a world with z up to one with y up.
+_Y_UP_FROM_Z_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 _AXES_MEANINGS: dict[Axes, str] = {
     "optical": "of the camera (x right, y down, z forward)",
     "body": "of the robot's body (x forward, y left, z up)",
@@ -99,6 +101,19 @@ def inverse_poses(T: NDArray[np.float64]) -> NDArray[np.float64]:
     inverse[:, :3, 3] = -np.einsum("nij,nj->ni", R, T[:, :3, 3])
     inverse[:, 3, 3] = 1.0
     return inverse
+
+
+def y_up_opengl_poses(T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same poses as Habitat, Blender's glTF and OpenGL state them; the inverse of nothing that readers do.
+
+    Args:
+        T_world_camera: (..., 4, 4) float64, metres: an optical frame (x right, y down, z forward) in a world with z up.
+
+    Returns:
+        (..., 4, 4): a camera with x right, y up, z backward in a world with y up: (x, y, z) becomes (x, z, -y), as
+        scenes in glTF are turned the other way when they are read.
+    """
+    return _Y_UP_FROM_Z_UP @ T_world_camera @ _T_AXES_CAMERA["opengl"]
 
 
 def _all_conventions() -> dict[str, PoseConvention]:
