@@ -22,6 +22,7 @@ from maomaps_warp.jobs.pair_search import IouKind, PairSearch, PlannedPair, Plan
 from maomaps_warp.jobs.record import RecordOptions, SceneOptions, is_flat, open_world, record_run
 from maomaps_warp.jobs.sample import MadeSample, make_sample
 from maomaps_warp.map_protocol import MAP_PRESETS
+from maomaps_warp.model.dataset import OverlapFigures
 from maomaps_warp.sim.effects import Effects
 from maomaps_warp.sim.free_space import find_free_space
 from maomaps_warp.sim.recorder import MAOMAPS_TOPICS
@@ -108,6 +109,16 @@ class DatasetSample:
     name: str
     facts: dict[str, Any]
     was_there: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _RecordedPair:
+    """Two runs that were recorded and mapped; `empty` is the share of pixels that see nothing, by run."""
+
+    pair: PlannedPair
+    made: MadeSample
+    overlap: OverlapFigures
+    empty: dict[str, float]
 
 
 def create_dataset(
@@ -207,11 +218,10 @@ def _record_pair(
         if not low <= pair.expected_iou <= high:
             found.append(pair.expected_iou)
             break
-        made, empty = _record_and_map(part, pair, simulator, world, options, device, clock)
-        assert made.figures.overlap is not None
-        iou = iou_of(made.figures.overlap, options.kind)
+        recorded = _record_and_map(part, pair, simulator, world, options, device, clock)
+        iou = iou_of(recorded.overlap, options.kind)
         if low <= iou <= high:
-            return _facts(name, scene, pair, made, empty, wanted, tried, options)
+            return _facts(name, scene, recorded, wanted, tried, options)
         found.append(iou)
         search.learn(pair, iou)
         shutil.rmtree(part)
@@ -232,8 +242,8 @@ def _record_and_map(
     options: DatasetOptions,
     device: str,
     clock: Stopwatch,
-) -> tuple[MadeSample, dict[str, float]]:
-    """Record both runs into the folder, and map what the bags hold; also the share of pixels that see nothing."""
+) -> _RecordedPair:
+    """Record both runs into the folder, and map what the bags hold."""
     part.mkdir(parents=True)
     bags, empty = {}, {}
     for run, planned in zip(_RUNS, (pair.first, pair.second), strict=True):
@@ -256,7 +266,9 @@ def _record_and_map(
     rules = MAP_PRESETS["maomaps"]
     reading = SourceOptions(topics=topics, pose_frame="maomaps-c")
     sources = {run: open_recording(bag, rules, reading) for run, bag in bags.items()}
-    return make_sample(SamplePlace(part, bags), sources, rules, device=device, clock=clock), empty
+    made = make_sample(SamplePlace(part, bags), sources, rules, device=device, clock=clock)
+    assert made.figures.overlap is not None, "a sample of two runs has an overlap"
+    return _RecordedPair(pair, made, made.figures.overlap, empty)
 
 
 def _effect_seed(effects: Effects, run: PlannedRun) -> int:
@@ -267,24 +279,21 @@ def _effect_seed(effects: Effects, run: PlannedRun) -> int:
 def _facts(
     name: str,
     scene: SceneEntry,
-    pair: PlannedPair,
-    made: MadeSample,
-    empty: dict[str, float],
+    recorded: _RecordedPair,
     wanted: float,
     tried: int,
     options: DatasetOptions,
 ) -> dict[str, Any]:
     from importlib.metadata import version
 
-    overlap = made.figures.overlap
-    assert overlap is not None
+    pair, overlap = recorded.pair, recorded.overlap
     runs = {
         run: {
             "number_of_the_draw": planned.number,
             "frames": len(planned.trajectory),
             "path_length_m": planned.trajectory.path_length,
             "duration_s": planned.trajectory.duration_s,
-            "pixels_that_see_nothing": empty[run],
+            "pixels_that_see_nothing": recorded.empty[run],
         }
         for run, planned in zip(_RUNS, (pair.first, pair.second), strict=True)
     }
@@ -296,7 +305,7 @@ def _facts(
         "scene": Path(scene.name).name,
         "iou": iou | {"asked_for": list(options.iou), "of": options.kind, "aimed_at": wanted, "tries": tried},
         "runs": runs,
-        "notes": {run: list(notes) for run, notes in made.notes.items()},
+        "notes": {run: list(notes) for run, notes in recorded.made.notes.items()},
     }
 
 

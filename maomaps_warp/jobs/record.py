@@ -238,7 +238,7 @@ def record_run(
         nonlocal frames, empty
         for frame in stream.read(with_colors):
             frames += 1
-            empty += np.count_nonzero(frame.extras.get(EXACT_DEPTH, frame.depth) == 0.0)
+            empty += int(np.count_nonzero(frame.extras.get(EXACT_DEPTH, frame.depth) == 0.0))
             yield frame
             if progress is not None:
                 progress(frames, len(trajectory))
