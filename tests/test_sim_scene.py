@@ -149,3 +149,14 @@ def test_the_same_seed_gives_the_same_drive() -> None:
 def test_a_drive_that_is_too_short_says_how_long_it_must_be() -> None:
     with pytest.raises(ValueError, match=r"needs more than \d+\.\d s, got 0\.9 s"):
         drive(furnished_flat(0), frames=10)
+
+
+def test_every_triangle_belongs_to_a_kind_of_thing() -> None:
+    world = furnished_flat(3).world
+    assert len(world.face_part) == len(world.triangles) and set(world.face_part) == set(range(len(world.parts)))
+    assert {"floor", "ceiling", "wall", "door frame", "chair", "bed", "sofa", "counter", "table"} <= set(world.parts)
+    assert "" not in world.parts
+    floor = world.vertices[world.triangles[world.face_part == world.parts.index("floor")]]
+    assert floor[..., 2].max() == np.float32(furnished_flat(3).floor_z)
+    chairs = world.vertices[world.triangles[world.face_part == world.parts.index("chair")]]
+    assert 0.8 < chairs[..., 2].max() < 1.0, "its legs are the chair's, though a table's legs are made alike"

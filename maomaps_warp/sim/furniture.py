@@ -6,9 +6,13 @@ somebody who looks at its front from there, centred on x = 0, the floor at z = 0
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec
+
 import numpy as np
 
-from maomaps_warp.sim.solids import Color, Solid, ball, box, cylinder, lathe, lighter, placed
+from maomaps_warp.sim.solids import Color, Solid, ball, box, cylinder, lathe, lighter, named, placed
 
 WHITE: Color = (236, 234, 228)
 STEEL: Color = (150, 156, 162)
@@ -27,6 +31,20 @@ BOOKS: tuple[Color, ...] = (
 )
 
 
+_Sizes = ParamSpec("_Sizes")
+
+
+def _piece(design: Callable[_Sizes, list[Solid]]) -> Callable[_Sizes, list[Solid]]:
+    """Names the solids of a design after it; those of a piece that it is made of, too."""
+
+    @wraps(design)
+    def made(*args: _Sizes.args, **kwargs: _Sizes.kwargs) -> list[Solid]:
+        return named(design.__name__.replace("_", " "), design(*args, **kwargs))
+
+    return made
+
+
+@_piece
 def table(width: float, depth: float, height: float, color: Color) -> list[Solid]:
     """A plate on four legs."""
     x, leg = width / 2, 0.05
@@ -38,6 +56,7 @@ def table(width: float, depth: float, height: float, color: Color) -> list[Solid
     return [box((-x, -depth, height - 0.05), (x, 0, height), color), *legs]
 
 
+@_piece
 def chair(color: Color) -> list[Solid]:
     """A chair with a back, 0.45 m square; its back is at y = 0."""
     back = [box((-0.2, -0.05, z), (0.2, -0.025, z + 0.1), color) for z in (0.6, 0.775)]
@@ -45,6 +64,7 @@ def chair(color: Color) -> list[Solid]:
     return [*table(0.45, 0.45, 0.45, color), *back, *posts]
 
 
+@_piece
 def shelf(width: float, height: float, boards: int, color: Color, rng: np.random.Generator) -> list[Solid]:
     """An open shelf, 0.3 m deep; each board but the highest carries a row of books."""
     x, edge, depth = width / 2, 0.025, 0.3
@@ -71,6 +91,7 @@ def _books(width: float, z: float, gap: float, rng: np.random.Generator) -> list
     return books
 
 
+@_piece
 def cabinet(width: float, depth: float, height: float, doors: int, color: Color) -> list[Solid]:
     """A closed body with doors and handles."""
     x, leaf = width / 2, width / doors
@@ -82,6 +103,7 @@ def cabinet(width: float, depth: float, height: float, doors: int, color: Color)
     return solids
 
 
+@_piece
 def bed(width: float, length: float, wood: Color, cover: Color) -> list[Solid]:
     """A bed with its head at y = 0: frame, mattress, cover and two pillows."""
     x = width / 2
@@ -97,6 +119,7 @@ def bed(width: float, length: float, wood: Color, cover: Color) -> list[Solid]:
     ]
 
 
+@_piece
 def sofa(width: float, color: Color) -> list[Solid]:
     """A sofa with arms and loose cushions, 0.9 m deep."""
     x, seats = width / 2, 3
@@ -114,6 +137,7 @@ def sofa(width: float, color: Color) -> list[Solid]:
     ]
 
 
+@_piece
 def screen(width: float, height: float) -> list[Solid]:
     """A television or monitor on a foot, standing at y = -0.15."""
     x = width / 2
@@ -125,6 +149,7 @@ def screen(width: float, height: float) -> list[Solid]:
     ]
 
 
+@_piece
 def counter(width: float, color: Color) -> list[Solid]:
     """A kitchen counter with hob, sink tap, pots and wall cupboards above."""
     x = width / 2
@@ -150,6 +175,7 @@ def counter(width: float, color: Color) -> list[Solid]:
     ]
 
 
+@_piece
 def fridge() -> list[Solid]:
     """A fridge-freezer."""
     body = [
@@ -160,6 +186,7 @@ def fridge() -> list[Solid]:
     return [*body, box((-0.3, -0.65, 0.65), (0.3, -0.6, 1.775), WHITE), *grips]
 
 
+@_piece
 def standing_lamp(height: float, shade: Color) -> list[Solid]:
     """A lamp on a thin stem; short ones stand on tables. Centred on the origin."""
     size = 0.1 + 0.06 * height
@@ -170,11 +197,13 @@ def standing_lamp(height: float, shade: Color) -> list[Solid]:
     ]
 
 
+@_piece
 def pendant_lamp(ceiling: float) -> list[Solid]:
     """A ball that hangs from the ceiling. Centred on the origin."""
     return [cylinder((0, 0), 0.01, ceiling - 0.4, ceiling, DARK), ball((0, 0, ceiling - 0.5), 0.15, GLOW)]
 
 
+@_piece
 def plant(rng: np.random.Generator) -> list[Solid]:
     """A pot with leaves. Centred on the origin."""
     solids = [
@@ -188,6 +217,7 @@ def plant(rng: np.random.Generator) -> list[Solid]:
     return solids
 
 
+@_piece
 def picture(width: float, height: float, rng: np.random.Generator) -> list[Solid]:
     """A framed picture of coloured fields, hung with its lower edge at z = 0."""
     x = width / 2
@@ -198,6 +228,7 @@ def picture(width: float, height: float, rng: np.random.Generator) -> list[Solid
     return solids
 
 
+@_piece
 def window(width: float, height: float) -> list[Solid]:
     """A window with bars and sill, its lower edge at z = 0; solid, so that no ray leaves the flat."""
     x = width / 2
@@ -211,6 +242,7 @@ def window(width: float, height: float) -> list[Solid]:
     ]
 
 
+@_piece
 def radiator(width: float) -> list[Solid]:
     """A ribbed radiator, 0.5 m high, 0.15 m above the floor."""
     ribs = [
@@ -219,6 +251,7 @@ def radiator(width: float) -> list[Solid]:
     return [box((-width / 2, -0.1, 0.2), (width / 2, -0.05, 0.6), WHITE), *ribs]
 
 
+@_piece
 def rug(width: float, depth: float, outer: Color, inner: Color) -> list[Solid]:
     """A flat rug with a border, centred on the origin."""
     x, y = width / 2, depth / 2

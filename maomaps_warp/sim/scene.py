@@ -8,13 +8,25 @@ doors lead out of each room, through its two inner walls; the four rooms thus fo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.sim import furniture as make
-from maomaps_warp.sim.solids import STEP, Color, Solid, ball, box, cylinder, merged, mirrored, placed
+from maomaps_warp.sim.solids import (
+    STEP,
+    Color,
+    Solid,
+    ball,
+    box,
+    cylinder,
+    merged,
+    mirrored,
+    named,
+    parts_of,
+    placed,
+)
 from maomaps_warp.sim.world import World, plain_world
 
 #: Where the inner walls cross, and the height of the floor, metres. Every face of a box lies at this plus a
@@ -68,6 +80,8 @@ class Scene:
         vertices: (V, 3) float32, metres.
         triangles: (F, 3) int32, counter-clockwise seen from outside of each body.
         face_colors: (F, 3) uint8 RGB, one a triangle.
+        parts: kinds of things in it, by name.
+        face_part: (F,) int32, the kind of thing that each triangle belongs to.
         rooms: in the order of the tour.
         doors: doors[i] leads from rooms[i] to the next, the last one back to the first.
         tour: (W, 2) float64, metres: corners of a closed way through all rooms that stays clear of walls and
@@ -78,6 +92,8 @@ class Scene:
     vertices: NDArray[np.float32]
     triangles: NDArray[np.int32]
     face_colors: NDArray[np.uint8]
+    parts: tuple[str, ...]
+    face_part: NDArray[np.int32]
     rooms: tuple[Room, ...]
     doors: tuple[Door, ...]
     tour: NDArray[np.float64]
@@ -87,7 +103,8 @@ class Scene:
     @property
     def world(self) -> World:
         """What cameras see of it."""
-        return plain_world(self.vertices, self.triangles, self.face_colors, grain=GRAIN, source="furnished flat")
+        plain = plain_world(self.vertices, self.triangles, self.face_colors, grain=GRAIN, source="furnished flat")
+        return replace(plain, parts=self.parts, face_part=self.face_part)
 
 
 @dataclass(frozen=True)
@@ -160,6 +177,7 @@ def furnished_flat(seed: int = 0) -> Scene:
             doors.append(Door(*plan.point(-HALF_WALL, plan.door_q), DOOR_WIDTH, "x"))
     return Scene(
         *merged(solids),
+        *parts_of(solids),
         rooms=tuple(rooms),
         doors=tuple(doors),
         tour=np.roll(np.array(tour), -3, axis=0),
@@ -176,8 +194,8 @@ def _shell(plan: _Plan, wall: Color, floor: Color) -> list[Solid]:
     """Floor, ceiling, walls with door openings and their trim, skirting boards, a lamp."""
     p, q, t, lowest = plan.size_p, plan.size_q, HALF_WALL, -0.1
     solids = [
-        box((-t, -t, lowest), (p + t, q + t, 0), floor),
-        box((-t, -t, CEILING), (p + t, q + t, CEILING + 0.1), make.WHITE),
+        *named("floor", [box((-t, -t, lowest), (p + t, q + t, 0), floor)]),
+        *named("ceiling", [box((-t, -t, CEILING), (p + t, q + t, CEILING + 0.1), make.WHITE)]),
         *plan.against("far_p", q / 2, _wall(q, None, wall)),
         *plan.against("far_q", p / 2, _wall(p, None, wall)),
         # Walls at p = 0 and q = 0 are seen from the other side: their x runs along +q and -p.
@@ -192,17 +210,17 @@ def _wall(length: float, door: float | None, color: Color) -> list[Solid]:
     end, t = length / 2 + HALF_WALL, HALF_WALL
     if door is None:
         return [
-            box((-end, 0, 0), (end, t, CEILING), color),
-            box((-end, -0.025, 0), (end, 0, 0.1), make.WHITE),
+            *named("wall", [box((-end, 0, 0), (end, t, CEILING), color)]),
+            *named("skirting", [box((-end, -0.025, 0), (end, 0, 0.1), make.WHITE)]),
         ]
     left, right, trim = door - DOOR_WIDTH / 2, door + DOOR_WIDTH / 2, 0.075
-    solids = [box((left, 0, DOOR_HEIGHT), (right, t, CEILING), color)]
-    solids.append(box((left - trim, -0.025, DOOR_HEIGHT), (right + trim, 0, DOOR_HEIGHT + trim), PINE))
-    solids += [box((a, -0.025, 0), (a + trim, 0, DOOR_HEIGHT), PINE) for a in (left - trim, right)]
+    frame = [box((left - trim, -0.025, DOOR_HEIGHT), (right + trim, 0, DOOR_HEIGHT + trim), PINE)]
+    frame += [box((a, -0.025, 0), (a + trim, 0, DOOR_HEIGHT), PINE) for a in (left - trim, right)]
+    solids = named("wall", [box((left, 0, DOOR_HEIGHT), (right, t, CEILING), color)]) + named("door frame", frame)
     for a, b in ((-end, left), (right, end)):
-        solids.append(box((a, 0, 0), (b, t, CEILING), color))
+        solids += named("wall", [box((a, 0, 0), (b, t, CEILING), color)])
         skirting = (a, b - trim) if b == left else (a + trim, b)
-        solids.append(box((skirting[0], -0.025, 0), (skirting[1], 0, 0.1), make.WHITE))
+        solids += named("skirting", [box((skirting[0], -0.025, 0), (skirting[1], 0, 0.1), make.WHITE)])
     return solids
 
 
@@ -276,7 +294,7 @@ def _study(plan: _Plan, rng: np.random.Generator) -> list[Solid]:
         *plan.against("far_q", 2.2, make.shelf(1.0, 1.5, 4, OAK, rng)),
         *placed(make.standing_lamp(1.5, make.GLOW), p - 0.4, q - 0.4),
         *plan.against("near_q", 2.7, make.cabinet(1.0, 0.4, 0.9, 2, PINE)),
-        *placed([ball((0, 0, 0.22), 0.2, (70, 110, 160))], 2.7, 0.2, z=0.9),
+        *placed(named("globe", [ball((0, 0, 0.22), 0.2, (70, 110, 160))]), 2.7, 0.2, z=0.9),
         *plan.against("near_q", 2.7, make.picture(0.9, 0.6, rng), z=1.5),
         *placed(make.plant(rng), 0.35, q - 0.7),
     ]
@@ -290,7 +308,7 @@ def _tableware(rng: np.random.Generator, count: int) -> list[Solid]:
         color = make.BOOKS[rng.integers(len(make.BOOKS))]
         solids.append(cylinder(at, 0.04, 0, 0.1, make.WHITE if rng.random() < 0.3 else color))
         solids.append(ball((at[0] + 0.12, at[1] + 0.02, 0.045), 0.045, color))
-    return solids
+    return named("tableware", solids)
 
 
 _Design = Callable[[_Plan, np.random.Generator], list[Solid]]

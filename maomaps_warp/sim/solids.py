@@ -31,11 +31,13 @@ class Solid:
         vertices: (V, 3) float64, metres.
         triangles: (F, 3) int32, counter-clockwise seen from outside.
         color: RGB.
+        part: what it belongs to ("chair").
     """
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int32]
     color: Color
+    part: str = ""
 
 
 def box(lo: Sequence[float], hi: Sequence[float], color: Color) -> Solid:
@@ -90,6 +92,11 @@ def placed(solids: Sequence[Solid], x: float, y: float, yaw: float = 0.0, z: flo
     return [replace(solid, vertices=solid.vertices @ turn + (x, y, z)) for solid in solids]
 
 
+def named(part: str, solids: Sequence[Solid]) -> list[Solid]:
+    """The solids as parts of something."""
+    return [replace(solid, part=part) for solid in solids]
+
+
 def mirrored(solids: Sequence[Solid], sign_x: int, sign_y: int) -> list[Solid]:
     """The solids with x and y multiplied by signs; triangles keep facing outwards."""
     order = [0, 1, 2] if sign_x * sign_y > 0 else [0, 2, 1]
@@ -103,3 +110,10 @@ def merged(solids: Sequence[Solid]) -> tuple[NDArray[np.float32], NDArray[np.int
     triangles = [s.triangles + np.int32(start) for s, start in zip(solids, first, strict=False)]
     colors = [np.tile(np.array(s.color, np.uint8), (len(s.triangles), 1)) for s in solids]
     return np.vstack([s.vertices for s in solids]).astype(np.float32), np.vstack(triangles), np.vstack(colors)
+
+
+def parts_of(solids: Sequence[Solid]) -> tuple[tuple[str, ...], NDArray[np.int32]]:
+    """Names of the parts, in alphabetical order, and the part of each triangle of the merged mesh, (F,)."""
+    names = tuple(sorted({solid.part for solid in solids}))
+    numbers = np.array([names.index(solid.part) for solid in solids], dtype=np.int32)
+    return names, np.repeat(numbers, [len(solid.triangles) for solid in solids])

@@ -139,14 +139,15 @@ def make_flat(size: FlatSize, path: Path) -> None:
 def _render(building: rooms.Building, camera: Camera, gt: Trajectory, folder: Path) -> None:
     """Depth and colours of every pose into `depth.npy` and `colors.npy`, the surfaces roughened."""
     from maomaps_warp.sim.render import render_frames
-    from maomaps_warp.sim.scene import Scene
+    from maomaps_warp.sim.scene import GRAIN
+    from maomaps_warp.sim.world import plain_world
 
-    scene = Scene(building.vertices, building.triangles, building.face_colors, (), (), building.way, 0.0, rooms.CEILING)
+    world = plain_world(building.vertices, building.triangles, building.face_colors, grain=GRAIN)
     image = (len(gt), camera.height, camera.width)
     depth = np.lib.format.open_memmap(folder / "depth.npy", mode="w+", dtype=np.float32, shape=image)
     colors = np.lib.format.open_memmap(folder / "colors.npy", mode="w+", dtype=np.uint8, shape=(*image, 3))
     directions = _pixel_directions(camera)
-    for frame in render_frames(scene.world, camera, gt).read(True):
+    for frame in render_frames(world, camera, gt).read(True):
         T = gt.T_world_camera[frame.index].astype(np.float32)
         points = (directions * frame.depth.reshape(-1, 1)) @ T[:3, :3].T + T[:3, 3]
         depth[frame.index] = frame.depth + _roughness(points).reshape(frame.depth.shape)
