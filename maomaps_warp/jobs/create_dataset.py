@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +15,10 @@ from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
 from maomaps_warp.io.sample_writing import SamplePlace
 from maomaps_warp.io.sources import SourceOptions
+from maomaps_warp.jobs.dataset_recipe import SCHEMA, DatasetOptions, SceneEntry, begin_dataset, recipe_of
 from maomaps_warp.jobs.ground_truth import open_recording
-from maomaps_warp.jobs.pair_search import IouKind, PairSearch, PlannedPair, PlannedRun, iou_of
-from maomaps_warp.jobs.record import RecordOptions, SceneOptions, is_flat, open_world, record_run
+from maomaps_warp.jobs.pair_search import PairSearch, PlannedPair, PlannedRun, iou_of
+from maomaps_warp.jobs.record import open_world, record_run
 from maomaps_warp.jobs.sample import MadeSample, make_sample
 from maomaps_warp.map_protocol import MAP_PRESETS
 from maomaps_warp.model.dataset import OverlapFigures
@@ -33,9 +32,8 @@ from maomaps_warp.stopwatch import Stopwatch
 
 __all__ = ["DatasetOptions", "DatasetSample", "SceneEntry", "create_dataset"]
 
-#: What was asked for, in the dataset's folder; and what became of it, in each sample's.
-RECIPE, FACTS = "dataset.json", "sample.json"
-_SCHEMA = 1
+#: What became of a sample, in its folder.
+FACTS = "sample.json"
 #: Of all maps, metres.
 VOXEL_SIZE = MAP_PRESETS["maomaps"].voxel_size
 _RUNS = ("first", "second")
@@ -43,57 +41,6 @@ _RUNS = ("first", "second")
 _MOST_TRIES = 6
 #: The golden ratio: multiples of it, modulo 1, fill an interval evenly, however many there will be.
 _GOLDEN = 0.5 * (1.0 + 5.0**0.5)
-
-
-@dataclass(frozen=True)
-class SceneEntry:
-    """One scene of a dataset.
-
-    Attributes:
-        name: a file, or "flat" or "flat:SEED".
-        options: how the file is read.
-        floor_z: height of the floor, metres; None: found.
-        duration: shortest and longest run, seconds; None: as in the other scenes.
-    """
-
-    name: str
-    options: SceneOptions
-    floor_z: float | None = None
-    duration: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class DatasetOptions:
-    """What a dataset shall be.
-
-    Attributes:
-        scenes: sample k is of scene k modulo their number.
-        robot: robot, camera, driving and rendering of every run; its seed, duration and places are not used.
-        samples: how many.
-        iou: lowest and highest overlap of a sample's runs, 0 to 1.
-        kind: of what the overlap is taken.
-        duration: shortest and longest run, seconds.
-        seed: of everything random.
-        suffix: of the bags: ".bag", ".mcap", or "" for folders.
-    """
-
-    scenes: tuple[SceneEntry, ...]
-    robot: RecordOptions
-    samples: int = 20
-    iou: tuple[float, float] = (0.2, 0.6)
-    kind: IouKind = "voxels"
-    duration: tuple[float, float] = (20.0, 60.0)
-    seed: int = 0
-    suffix: str = ".bag"
-
-    def __post_init__(self) -> None:
-        if not self.scenes or self.samples < 1:
-            raise ValueError("a dataset needs a scene and a sample")
-        if not 0.0 <= self.iou[0] < self.iou[1] <= 1.0:
-            raise ValueError(f"the overlap must be a range within 0 and 1, got {self.iou}")
-        for duration in (self.duration, *(entry.duration for entry in self.scenes if entry.duration)):
-            if not 0.0 < duration[0] <= duration[1] < np.inf:
-                raise ValueError(f"the duration must be a range above 0, got {duration}")
 
 
 @dataclass(frozen=True)
@@ -147,7 +94,7 @@ def create_dataset(
         KeyboardInterrupt: Ctrl-C; the samples that are complete stay.
     """
     clock = clock or Stopwatch()
-    _begin(folder, _recipe(options))
+    begin_dataset(folder, recipe_of(options))
     made = []
     with clock.stage("dataset") as progress:
         for number in range(1, options.samples + 1):
@@ -299,7 +246,7 @@ def _facts(
     }
     iou = {"voxels": overlap.voxel_iou, "known": overlap.known_iou, "obstacle": overlap.obstacle_iou}
     return {
-        "schema": _SCHEMA,
+        "schema": SCHEMA,
         "maomaps_warp": version("maomaps-warp"),
         "sample": name,
         "scene": Path(scene.name).name,
@@ -307,69 +254,3 @@ def _facts(
         "runs": runs,
         "notes": {run: list(notes) for run, notes in recorded.made.notes.items()},
     }
-
-
-def _recipe(options: DatasetOptions) -> dict[str, Any]:
-    """Everything that decides the samples' bytes."""
-    robot = asdict(options.robot)
-    # Every run of a dataset explores from a start of its own.
-    for unused in (
-        "duration",
-        "seed",
-        "start",
-        "waypoints",
-        "trajectory",
-        "pose_frame",
-        "floor_z",
-        "scene",
-        "overwrite",
-    ):
-        del robot[unused]
-    scenes = [
-        asdict(entry) | {"name": Path(entry.name).name, "sha256": _digest(entry.name)} for entry in options.scenes
-    ]
-    recipe = {
-        "schema": _SCHEMA,
-        "scenes": scenes,
-        "iou": options.iou,
-        "iou_of": options.kind,
-        "duration_s": options.duration,
-        "seed": options.seed,
-        "suffix": options.suffix,
-        "robot": robot,
-    }
-    return dict(json.loads(json.dumps(recipe)))
-
-
-def _digest(scene: str) -> str | None:
-    """Of a scene's file (not of textures that lie beside it); None of a built-in one."""
-    if is_flat(scene):
-        return None
-    try:
-        with Path(scene).open("rb") as file:
-            return hashlib.file_digest(file, partial(hashlib.new, "sha256")).hexdigest()
-    except OSError as error:
-        raise InputError(scene, f"cannot be read: {error.strerror}") from error
-
-
-def _begin(folder: Path, recipe: dict[str, Any]) -> None:
-    """Begin a dataset, or go on with one of the same recipe."""
-    path = folder / RECIPE
-    if path.exists():
-        try:
-            known = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(path, f"cannot be read: {error}", "choose another folder") from error
-        if known != recipe:
-            other = [key for key in recipe if known.get(key) != recipe[key]]
-            found = f"was made with other options: {', '.join(other)}"
-            raise InputError(path, found, "give the same ones to go on, or choose another folder")
-        return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(folder, "exists and is no dataset that was made here", "choose another folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, f"cannot be made: {error.strerror}", "choose another place") from error
-    with write_whole(path) as file:
-        file.write(json.dumps(recipe, indent=2) + "\n")
