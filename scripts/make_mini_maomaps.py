@@ -31,12 +31,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", type=Path, help="folder of the scenes' folders")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the dataset")
-    parser.add_argument("options", nargs="*", help="of create-dataset, after --")
-    asked = parser.parse_args()
+    cut = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
+    asked, options = parser.parse_args(sys.argv[1:cut]), sys.argv[cut + 1 :]
     scenes = [scene if scene.startswith("flat") else str(asked.scenes / scene) for scene in SCENES]
     command = [sys.executable, "-m", "maomaps_warp", "create-dataset", *scenes, "-o", str(asked.output)]
     standard = ["--samples", "20", "--iou", "0.2..0.6", "--duration", "20..45", "--seed", "1"]
-    return subprocess.run([*command, *standard, *asked.options], check=False).returncode
+    return subprocess.run([*command, *standard, *options], check=False).returncode
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import warnings
+import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -120,52 +120,62 @@ def main() -> int:
     parser.add_argument("--pose-frame", default="maomaps-c", help="what the recorded poses mean")
     parser.add_argument("--seed", type=int, default=0, help="of the errors of depth")
     asked = parser.parse_args()
-    rows = []
-    for number, bag in enumerate(asked.bags):
+    rows: list[dict[str, Any]] = []
+    for bag in asked.bags:
         for depth in asked.depth:
-            effects = Effects.of([] if depth == "exact" else [depth], asked.seed + number)
-            rows.append(_one(bag, depth, effects, asked.output, asked.pose_frame))
+            try:
+                rows.append(_one(bag, depth, asked.seed, asked.output, asked.pose_frame))
+            except mw.InputError as error:
+                rows.append({"bag": f"{bag.parent.name}/{bag.name}", "depth": depth, "why_not": str(error)})
             print(_line(rows[-1]), flush=True)
+            (asked.output / "table.json").write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
     print()
     for depth in asked.depth:
-        mine = [row for row in rows if row["depth"] == depth]
-        means = {key: np.mean([row[key] for row in mine]) for key in _FIGURES}
-        print(_line({"bag": f"mean of {len(mine)}", "depth": depth, "lost": sum(row["lost"] for row in mine), **means}))
-    with (asked.output / "table.json").open("w", encoding="utf-8") as file:
-        json.dump(rows, file, indent=2)
+        asked_for = [row for row in rows if row["depth"] == depth]
+        scored = [row for row in asked_for if "why_not" not in row]
+        if scored:
+            means = {key: float(np.mean([row[key] for row in scored])) for key in _FIGURES}
+            name = f"mean of {len(scored)} of {len(asked_for)}"
+            print(_line({"bag": name, "depth": depth, "lost": sum(row["lost"] for row in scored), **means}))
     return 0
 
 
-def _one(bag: Path, depth: str, effects: Effects, output: Path, pose_frame: str) -> dict[str, Any]:
+def _one(bag: Path, depth: str, seed: int, output: Path, pose_frame: str) -> dict[str, Any]:
+    """Run the odometry, unless its result is there, and score it."""
+    name = f"{bag.parent.name}/{bag.name}"
+    # The errors of a recording depend on its name, not on what else is run.
+    effects = Effects.of([] if depth == "exact" else [depth], zlib.crc32(f"{seed} {name}".encode()))
     gt = mw.open_source(bag, mw.SourceOptions(pose_frame=pose_frame), side="gt")
     folder = output / f"{bag.parent.name}_{bag.stem}_{depth}"
-    files = folder / "est_map.pcd", folder / "est_trajectory.txt"
-    facts = folder / "odometry.json"
-    if not facts.exists():  # what is there stays
+    files, facts = (folder / "est_map.pcd", folder / "est_trajectory.txt"), folder / "odometry.json"
+    asked = {"bag": str(bag.resolve()), "bytes": bag.stat().st_size, "seed": seed, "pose_frame": pose_frame}
+    known = json.loads(facts.read_text(encoding="utf-8")) if facts.exists() else {}
+    if known.get("asked") != asked:
         folder.mkdir(parents=True, exist_ok=True)
         estimate = run_odometry(gt, effects)
         write_pcd(files[0], estimate.points, None)
         write_tum(files[1], estimate.trajectory)
-        facts.write_text(json.dumps({"lost": estimate.lost}) + "\n", encoding="utf-8")
+        known = {"asked": asked, "lost": estimate.lost}
+        facts.write_text(json.dumps(known) + "\n", encoding="utf-8")
     est = mw.source_from_parts(*files, side="est")
-    protocol = replace(mw.load_protocol("maomaps"), align="none")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        score = mw.score(gt, est, protocol, device="cpu").score
-    return {
-        "bag": f"{bag.parent.name}/{bag.name}",
-        "depth": depth,
+    score = mw.score(gt, est, replace(mw.load_protocol("maomaps"), align="none"), device="cpu").score
+    row: dict[str, Any] = {"bag": name, "depth": depth, "lost": known["lost"]}
+    for metric in (score.ate, score.ame_nn, score.ame_ray):
+        if isinstance(metric, mw.NoValue):
+            return row | {"why_not": metric.reason}
+    return row | {
         "ate": score.ate.errors["absolute"].translation.rmse,
         "nearest": score.ame_nn.accuracy.mean,
         "rays": score.ame_ray.absolute.mean,
         "rays_median": score.ame_ray.absolute.median,
         "rays_relative": score.ame_ray.relative.mean,
-        "counts": score.ame_ray.counts,
-        "lost": json.loads(facts.read_text(encoding="utf-8"))["lost"],
+        "classes": score.ame_ray.counts,
     }
 
 
 def _line(row: dict[str, Any]) -> str:
+    if "why_not" in row:
+        return f"{row['bag']:<24} {row['depth']:<7} no score: {row['why_not']}"
     ate, nearest, rays, median, relative = (f"{row[key]:.3f}" for key in _FIGURES)
     figures = f"ATE {ate}  AME {nearest}  by rays {rays} (median {median}; relative {relative})"
     return f"{row['bag']:<24} {row['depth']:<7} {figures}  lost {row['lost']}"
