@@ -20,11 +20,13 @@ class Stopwatch:
     Attributes:
         milliseconds: wall time of each stage that has ended, in order.
         progress: where the stages report to.
+        say: prints a line meanwhile.
     """
 
-    def __init__(self, progress: Progress = _silent) -> None:
+    def __init__(self, progress: Progress = _silent, say: Callable[[str], None] = lambda text: None) -> None:
         self.milliseconds: dict[str, float] = {}
         self.progress = progress
+        self.say = say
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Callable[[int, int | None], None]]:

@@ -5,9 +5,9 @@
     python scripts/rgbd_odometry.py mini_maomaps/*/*.bag -o results      # a dataset: also the table of its means
 
 Each bag is run twice: with its depth, and with depth as a network would guess it (`--depth exact cnn kinect`; the
-effects of `maomaps-warp record`). Frames are tracked against a keyframe by Open3D's multi-scale hybrid odometry (of
-colours and depth), and fused into a TSDF volume, whose surface is the estimated map. Nothing of it is ours: this is an
-example of a method under test, and not of a good one, since it closes no loops.
+effects of `maomaps-warp record`). Frames are tracked against a keyframe by Open3D's multi-scale odometry, point to
+plane (or `--method hybrid`, which uses the colours, too), and fused into a TSDF volume, whose surface is the estimated
+map. Nothing of it is ours: this is an example of a method under test, and not of a good one, since it closes no loops.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Estimate:
     lost: int
 
 
-def run_odometry(source: mw.Source, effects: Effects) -> Estimate:
+def run_odometry(source: mw.Source, effects: Effects, method: str) -> Estimate:
     """Track the frames of a recording; the first pose is the true one, so that the worlds are one."""
     import open3d as o3d
 
@@ -68,7 +68,7 @@ def run_odometry(source: mw.Source, effects: Effects) -> Estimate:
         now = o3d.t.geometry.RGBDImage(o3d.t.geometry.Image(np.ascontiguousarray(frame.colors)), image)
         if key_frame is not None:
             guess = np.linalg.inv(key_pose) @ pose @ motion
-            found = _track(o3d, now, key_frame, K, guess)
+            found = _track(o3d, now, key_frame, K, guess, method)
             if found is None:
                 lost += 1
                 key_pose, key_frame = pose @ motion, now
@@ -92,7 +92,7 @@ def run_odometry(source: mw.Source, effects: Effects) -> Estimate:
     return Estimate(mw.Trajectory(np.stack(poses), np.array(stamps, dtype=np.int64), "Open3D odometry"), cloud, lost)
 
 
-def _track(o3d: Any, now: Any, key: Any, K: Any, guess: np.ndarray) -> tuple[np.ndarray, float] | None:
+def _track(o3d: Any, now: Any, key: Any, K: Any, guess: np.ndarray, method: str) -> tuple[np.ndarray, float] | None:
     """Pose of the frame in the keyframe's and the share of it that was tracked; None where tracking failed."""
     odometry = o3d.t.pipelines.odometry
     try:
@@ -104,7 +104,7 @@ def _track(o3d: Any, now: Any, key: Any, K: Any, guess: np.ndarray) -> tuple[np.
             1.0,
             _FARTHEST_M,
             [odometry.OdometryConvergenceCriteria(n) for n in (10, 8, 6)],
-            odometry.Method.Hybrid,
+            odometry.Method.Hybrid if method == "hybrid" else odometry.Method.PointToPlane,
         )
     except RuntimeError:  # a singular system: nothing to hold on to
         return None
@@ -117,6 +117,7 @@ def main() -> int:
     parser.add_argument("bags", type=Path, nargs="+", help="bags of `maomaps-warp record` or of a MAOMaps sample")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder for trajectories, maps and scores")
     parser.add_argument("--depth", nargs="+", default=["exact", "cnn"], choices=["exact", "cnn", "kinect"])
+    parser.add_argument("--method", default="point-to-plane", choices=["point-to-plane", "hybrid"])
     parser.add_argument("--pose-frame", default="maomaps-c", help="what the recorded poses mean")
     parser.add_argument("--seed", type=int, default=0, help="of the errors of depth")
     asked = parser.parse_args()
@@ -124,7 +125,7 @@ def main() -> int:
     for bag in asked.bags:
         for depth in asked.depth:
             try:
-                rows.append(_one(bag, depth, asked.seed, asked.output, asked.pose_frame))
+                rows.append(_one(bag, depth, asked))
             except mw.InputError as error:
                 rows.append({"bag": f"{bag.parent.name}/{bag.name}", "depth": depth, "why_not": str(error)})
             print(_line(rows[-1]), flush=True)
@@ -140,22 +141,23 @@ def main() -> int:
     return 0
 
 
-def _one(bag: Path, depth: str, seed: int, output: Path, pose_frame: str) -> dict[str, Any]:
+def _one(bag: Path, depth: str, asked: argparse.Namespace) -> dict[str, Any]:
     """Run the odometry, unless its result is there, and score it."""
     name = f"{bag.parent.name}/{bag.name}"
     # The errors of a recording depend on its name, not on what else is run.
-    effects = Effects.of([] if depth == "exact" else [depth], zlib.crc32(f"{seed} {name}".encode()))
-    gt = mw.open_source(bag, mw.SourceOptions(pose_frame=pose_frame), side="gt")
-    folder = output / f"{bag.parent.name}_{bag.stem}_{depth}"
+    effects = Effects.of([] if depth == "exact" else [depth], zlib.crc32(f"{asked.seed} {name}".encode()))
+    gt = mw.open_source(bag, mw.SourceOptions(pose_frame=asked.pose_frame), side="gt")
+    folder = asked.output / f"{bag.parent.name}_{bag.stem}_{depth}"
     files, facts = (folder / "est_map.pcd", folder / "est_trajectory.txt"), folder / "odometry.json"
-    asked = {"bag": str(bag.resolve()), "bytes": bag.stat().st_size, "seed": seed, "pose_frame": pose_frame}
+    recipe = {"bag": str(bag.resolve()), "bytes": bag.stat().st_size, "seed": asked.seed, "method": asked.method}
+    recipe["pose_frame"] = asked.pose_frame
     known = json.loads(facts.read_text(encoding="utf-8")) if facts.exists() else {}
-    if known.get("asked") != asked:
+    if known.get("recipe") != recipe:
         folder.mkdir(parents=True, exist_ok=True)
-        estimate = run_odometry(gt, effects)
+        estimate = run_odometry(gt, effects, asked.method)
         write_pcd(files[0], estimate.points, None)
         write_tum(files[1], estimate.trajectory)
-        known = {"asked": asked, "lost": estimate.lost}
+        known = {"recipe": recipe, "lost": estimate.lost}
         facts.write_text(json.dumps(known) + "\n", encoding="utf-8")
     est = mw.source_from_parts(*files, side="est")
     score = mw.score(gt, est, replace(mw.load_protocol("maomaps"), align="none"), device="cpu").score

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,14 +72,13 @@ def test_ctrl_c_leaves_the_samples_that_are_whole(
 ) -> None:
     folder, _ = dataset
     bags: list[Path] = []
-    real = job.record_run
+    real = job.record_simulator
 
-    def interrupted(simulator: Any, trajectory: Any, output: Path, **options: Any) -> tuple[int, float]:
+    def interrupted(simulator: Any, trajectory: Any, output: Path, **options: Any) -> Any:
         bags.append(output)
-        frames, empty = real(simulator, trajectory, output, **options)
-        return (frames - 1 if "sample2" in str(output.parent) else frames), empty
+        return replace(real(simulator, trajectory, output, **options), is_stopped="sample2" in str(output.parent))
 
-    monkeypatch.setattr(job, "record_run", interrupted)
+    monkeypatch.setattr(job, "record_simulator", interrupted)
     with pytest.raises(KeyboardInterrupt):
         create(tmp_path / "mini", 2)
     assert bags
@@ -105,9 +105,9 @@ def test_other_options_do_not_go_on_with_a_dataset(dataset: tuple[Path, Result])
     folder, _ = dataset
     before = tree(folder)
     for options, words in (
-        (("--seed", "1"), "seed, robot"),
-        (("--iou", "0.3..0.6"), "iou"),
-        (("--speed", "0.4"), "robot"),
+        (("--seed", "1"), "robot.effects.seed was 0, now 1 (and 1 more)"),
+        (("--iou", "0.3..0.6"), "iou.0 was 0.2, now 0.3"),
+        (("--speed", "0.4"), "robot.driving.speed was 0.5, now 0.4"),
     ):
         done = create(folder, 2, *options)
         assert done.exit_code == 2 and f"was made with other options: {words}" in done.stderr
@@ -127,7 +127,9 @@ def test_other_options_do_not_go_on_with_a_dataset(dataset: tuple[Path, Result])
         ((), ("flat,floor=0,floor=1",), "'floor' is said twice"),
         ((), ("flat,unit=ft",), "unit cannot be 'ft' (allowed: m, cm, mm)"),
         ((), ("flat,floor=low",), "floor holds 'low', which is no number"),
-        ((), ("nowhere.glb",), "nowhere.glb: cannot be read: No such file"),
+        ((), ("flat:1", "nowhere.glb"), "nowhere.glb: no such file"),
+        ((), ("flat:1", "flat:x"), "'x' is no seed"),
+        ((), ("flat,unit=cm",), "is built in"),
         (("--also", "heat"), ("flat",), "--also heat: no such images"),
         (("--effect", "fog"), ("flat",), "'fog' is no effect"),
     ],
@@ -162,6 +164,8 @@ def test_a_damaged_recipe_and_a_foreign_sample_are_named(tmp_path: Path) -> None
     (folder / "dataset.json").write_text("{")
     done = create(folder, 1)
     assert done.exit_code == 2 and "dataset.json: cannot be read" in done.stderr
+    (folder / "dataset.json").write_text("[]")
+    assert "dataset.json: does not hold what it should" in create(folder, 1).stderr
     (folder / "dataset.json").unlink()
     assert create(folder, 1, "--iou", "0.97..0.98", "--duration", "2..3").exit_code == 2
     (folder / "sample1").mkdir()
@@ -186,10 +190,49 @@ def test_rough_maps_of_all_runs_lie_on_one_lattice() -> None:
         seed=(1,),
         device="cpu",
     )
-    pair = search.pair(0.4)
+    pair = search.pair(0.4, (0.2, 0.6))
     a, b = ({tuple(c) for c in np.rint(run.points / 0.1).astype(int)} for run in (pair.first, pair.second))
     np.testing.assert_allclose(pair.first.points / 0.1, np.rint(pair.first.points / 0.1), rtol=0, atol=1e-9)
     assert len(a & b) / len(a | b) == pytest.approx(pair.expected_iou, abs=1e-12)
     search.learn(pair, 0.5 * pair.expected_iou)
-    assert search.pair(0.4) != pair
+    assert search.pair(0.4, (0.2, 0.6)) != pair
     assert VoxelGrid.around(pair.first.points, 0.1).voxel_size == 0.1
+
+
+def test_a_damaged_sample_and_a_dataset_in_other_hands_are_named(dataset: tuple[Path, Result], tmp_path: Path) -> None:
+    import fcntl
+    import shutil
+
+    folder = tmp_path / "mini"
+    shutil.copytree(dataset[0], folder)
+    for text, words in (("{", "cannot be read"), ("{}", "does not hold what it should")):
+        (folder / "sample1" / "sample.json").write_text(text)
+        done = create(folder, 2)
+        assert done.exit_code == 2 and f"sample.json: {words}" in done.stderr and "it is made anew" in done.stderr
+    with (folder / "dataset.json").open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        done = create(folder, 2)
+    assert done.exit_code == 2 and "is being made by another process" in done.stderr
+
+
+@pytest.mark.parametrize("wanted", [0.205, 0.595])
+def test_a_pair_is_only_taken_outside_the_range_when_there_is_none_inside(wanted: float) -> None:
+    from maomaps_warp.jobs.pair_search import PairSearch
+    from maomaps_warp.jobs.record import RecordOptions, SceneOptions, open_world
+    from maomaps_warp.sim.free_space import find_free_space
+
+    world, options = open_world("flat:2", SceneOptions()), RecordOptions()
+    space = find_free_space(world, options.robot)
+    for seed in range(4):
+        search = PairSearch(
+            world,
+            space,
+            options,
+            duration=(6.0, 14.0),
+            kind="voxels",
+            voxel_size=0.05,
+            max_range=10.0,
+            seed=(seed,),
+            device="cpu",
+        )
+        assert 0.2 <= search.pair(wanted, (0.2, 0.6)).expected_iou <= 0.6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -14,10 +15,10 @@ import pytest
 from typer.testing import CliRunner
 
 from maomaps_warp.cli.app import app
-from maomaps_warp.cli.drive_terminal import half_blocks, plan_lines
+from maomaps_warp.cli.drive_terminal import half_blocks, keys_of, plan_lines
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.sources import SourceOptions, open_source
-from maomaps_warp.jobs.drive import Drive
+from maomaps_warp.jobs.drive import DEBOUNCE_S, Drive
 from maomaps_warp.jobs.record import Driving, RecordOptions
 from maomaps_warp.model.camera import Camera
 
@@ -26,19 +27,35 @@ OPTIONS = RecordOptions(camera=Camera.from_fov(32, 24, 90.0), driving=Driving(ra
 PATIENCE_S = 120.0
 
 
-def a_drive() -> Drive:
-    return Drive("flat:1", OPTIONS, (32, 24))
+class Clock:
+    """Seconds that pass only when they are told to."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+def a_drive(clock: Clock | None = None) -> Drive:
+    return Drive("flat:1", OPTIONS, (32, 24), now=clock or Clock())
+
+
+def press_record(drive: Drive) -> None:
+    """As somebody does who takes their time."""
+    drive._now.seconds += 2.0 * DEBOUNCE_S
+    drive.toggle()
 
 
 def test_a_run_is_what_was_driven_between_two_marks() -> None:
     drive = a_drive()
     drive.step()
-    drive.record()
+    press_record(drive)
     for _ in range(10):
         drive.press("forward")
         glance = drive.step()
     assert glance.state == "recording" and glance.seconds == pytest.approx(0.9)
-    drive.record()
+    press_record(drive)
     assert drive.state == "done"
     run = drive.trajectory
     assert len(run) == 10 and run.duration_s == pytest.approx(0.9)
@@ -56,6 +73,24 @@ def test_what_is_shown_is_what_the_camera_sees_and_the_map_grows() -> None:
             sizes.append(len(glance.map))
     assert glance.seen.colors is not None and glance.seen.colors.shape == (24, 32, 3)
     assert len(sizes) == 6 and sizes[-1] > 1.2 * sizes[0] > 100
+
+
+def test_a_record_key_that_is_held_or_struck_twice_counts_once() -> None:
+    drive = a_drive()
+    drive.toggle()
+    for _ in range(30):  # repeats of a key that is held, for much longer than one is not listened to
+        drive._now.seconds += 0.5 * DEBOUNCE_S
+        drive.toggle()
+    assert drive.state == "recording"
+
+
+def test_leaving_ends_a_run_and_never_throws_one_away() -> None:
+    drive = a_drive()
+    press_record(drive)
+    drive.step()
+    drive.leave()
+    drive.leave()
+    assert drive.state == "done"
 
 
 def test_a_drive_that_was_left_has_no_run() -> None:
@@ -84,6 +119,34 @@ def test_the_plan_shows_where_the_robot_is_and_looks() -> None:
     assert "".join(lines).count("↑") == 1
     free = sum(line.count("·") for line in lines)
     assert free == pytest.approx(drive.space.is_free.mean() * sum(len(line) for line in lines), rel=0.15)
+
+
+def test_keys_are_whole_escape_sequences_or_single_characters() -> None:
+    assert keys_of("Wa \x1b[A\x1bOD\x1b[1;5Cq") == (["w", "a", " ", "\x1b[A", "\x1bOD", "\x1b[1;5C", "q"], "")
+    assert keys_of("w\x1b[1;") == (["w"], "\x1b[1;")
+    assert keys_of("\x1b[1;" + "5A") == (["\x1b[1;5A"], "")
+    assert keys_of("\x1b") == ([], "\x1b")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_while_driving_keeps_the_run(tmp_path: Path) -> None:
+    import pty
+
+    bag = tmp_path / "run.bag"
+    command = [sys.executable, "-m", "maomaps_warp", "record", "flat:1", "-o", str(bag), "--drive", "terminal"]
+    master, slave = pty.openpty()
+    running = subprocess.Popen(
+        [*command, "--camera", "32x24@90", "--device", "cpu"], stdin=slave, stdout=slave, stderr=slave
+    )
+    os.close(slave)
+    _read_until(master, "○ waiting", running)
+    os.write(master, b"r")
+    _read_until(master, r"● recording +[1-9]\.\d s", running)
+    os.kill(running.pid, signal.SIGINT)
+    text = _read_until(master, "wrote", running)
+    assert running.wait(PATIENCE_S) == 0, text
+    os.close(master)
+    assert bag.exists()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
@@ -136,6 +199,8 @@ def _read_until(terminal: int, words: str, running: subprocess.Popen[bytes]) -> 
         (("--drive", "terminal", "--waypoint", "1,1"), "give one or the other"),
         (("--drive", "browser", "--trajectory", "t.txt"), "give one or the other"),
         (("--drive", "browser", "--start", "100,100"), "the nearest free place"),
+        (("--drive", "browser", "--duration", "5"), "--drive browser: given beside --duration"),
+        (("--drive", "browser", "--port", "99999"), "99999"),
     ],
 )
 def test_a_drive_that_cannot_begin_is_one_line(tmp_path: Path, options: tuple[str, ...], words: str) -> None:
@@ -156,6 +221,7 @@ def test_the_page_shows_the_drive_and_obeys_its_buttons_and_keys() -> None:
         view.show(glance)
         assert "waiting" in view.status.content and view.button.label == "Start recording (R)"
         np.testing.assert_allclose(view.robot.position, glance.T_world_camera[:3, 3], rtol=0, atol=1e-12)
+        drive._now.seconds += 1.0
         view.commands["R"]()
         assert drive.state == "recording"
         for _ in range(10):
@@ -165,6 +231,7 @@ def test_the_page_shows_the_drive_and_obeys_its_buttons_and_keys() -> None:
             view.show(glance)
         assert drive.robot.speed > 0.3 and drive.robot.yaw > 0.3
         assert "recording" in view.status.content and view.button.label == "Stop and save (R)"
+        drive._now.seconds += 1.0
         view.commands["R"]()
         assert drive.state == "done" and drive.trajectory.path_length > 0.1
     finally:

@@ -16,14 +16,29 @@ SPACE = FreeSpace(np.array([0.0, 0.0]), 0.05, FREE, 0.5)
 DRIVING = Driving(speed=0.5, turn_rate=1.0, rate_hz=10.0)
 
 
-def robot(x: float = 1.0, y: float = 1.5, yaw: float = 0.0) -> Teleop:
-    return Teleop(SPACE, DRIVING, 1.0, np.array([x, y]), yaw)
+class Clock:
+    """Seconds that pass only when they are told to."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+def robot(x: float = 1.0, y: float = 1.5, yaw: float = 0.0, driving: Driving = DRIVING) -> Teleop:
+    return Teleop(SPACE, driving, 1.0, np.array([x, y]), yaw, now=Clock())
+
+
+def step(teleop: Teleop, seconds: float = 0.1) -> None:
+    teleop._now.seconds += seconds
+    teleop.step()
 
 
 def hold(teleop: Teleop, key: str, seconds: float) -> None:
     for _ in range(round(10 * seconds)):
         teleop.press(key)  # type: ignore[arg-type]
-        teleop.step()
+        step(teleop)
 
 
 def test_it_speeds_up_goes_and_comes_to_rest() -> None:
@@ -33,7 +48,7 @@ def test_it_speeds_up_goes_and_comes_to_rest() -> None:
     # 0.1, 0.2, ... 0.5 m/s at an acceleration of 1 m/s2, then five steps of 0.5 m/s, a tenth of a second each.
     np.testing.assert_allclose(teleop.place, [0.6 + 0.15 + 0.25, 1.5], rtol=0, atol=1e-9)
     for _ in range(round(10 * (HOLD_S + 0.6))):
-        teleop.step()
+        step(teleop)
     assert teleop.speed == 0.0, "a key that is not heard of any more is let go"
 
 
@@ -42,7 +57,7 @@ def test_stop_lets_go_of_all_keys() -> None:
     hold(teleop, "forward", 1.0)
     teleop.press("stop")
     for _ in range(5):
-        teleop.step()
+        step(teleop)
     assert teleop.speed == 0.0
 
 
@@ -65,7 +80,7 @@ def test_it_never_leaves_the_free_space_and_slides_along_walls() -> None:
     wild = robot()
     for _ in range(2000):
         wild.press(rng.choice(["forward", "forward", "back", "left", "right"]))
-        wild.step()
+        step(wild)
         assert SPACE.holds(wild.place[None])[0]
 
 
@@ -74,3 +89,20 @@ def test_the_camera_looks_where_the_robot_goes() -> None:
     np.testing.assert_allclose(T[:3, 3], [1.0, 1.5, 1.5])
     np.testing.assert_allclose(T[:3, 2], [0.0, 1.0, 0.0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(T[:3, 1], [0.0, 0.0, -1.0], rtol=0, atol=1e-12)
+
+
+def test_a_key_counts_for_one_step_however_long_that_is() -> None:
+    teleop = robot(y=0.8, driving=Driving(speed=0.5, turn_rate=1.0, rate_hz=0.5))
+    teleop.press("forward")
+    step(teleop, 2.0)
+    assert teleop.speed == 0.5 and teleop.place[0] > 1.5
+    step(teleop, 2.0)
+    assert teleop.speed == 0.0
+
+
+def test_keys_are_timed_by_the_clock_and_not_by_the_robots_steps() -> None:
+    slow = robot()
+    slow.press("forward")
+    step(slow, 1.0)  # a view that takes a second a frame
+    step(slow, 1.0)
+    assert slow.speed == 0.0

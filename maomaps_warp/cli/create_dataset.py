@@ -31,7 +31,6 @@ from maomaps_warp.errors import InputError
 if TYPE_CHECKING:
     from maomaps_warp.jobs.create_dataset import DatasetSample, SceneEntry
 
-_SUFFIXES = {"ros1": ".bag", "mcap": ".mcap", "ros2": ""}
 _SCENE_HINT = "SCENE,floor=Z,drop=PART,unit=cm,up=z,duration=LO..HI; drop may come more than once"
 
 
@@ -74,6 +73,7 @@ def create_dataset(
     bytes. Exit code 2: a scene cannot be used, or no runs through it overlap as asked.
     """
     from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
+    from maomaps_warp.io.bags.writing import SUFFIXES
     from maomaps_warp.jobs import create_dataset as job
     from maomaps_warp.jobs.describe import describe_dataset
     from maomaps_warp.report.dataset_table import dataset_tables
@@ -105,7 +105,7 @@ def create_dataset(
                 kind=iou_of,
                 duration=_range(f"--duration {duration}", duration),
                 seed=seed,
-                suffix=_SUFFIXES[bags],
+                suffix=SUFFIXES[bags],
             )
         except ValueError as error:
             raise InputError("the dataset's options", str(error), "see --help") from None
@@ -113,25 +113,22 @@ def create_dataset(
         from maomaps_warp.mapping.device import resolve_device
 
         out, told = console(), _Told(samples)
-        with progress_clock() as clock:
-            with clock.stage("start device"):
-                used = resolve_device(device, "render", "map")
-            try:
+        try:
+            with progress_clock(out) as clock:
+                with clock.stage("start device"):
+                    used = resolve_device(device, "render", "map")
                 made = job.create_dataset(
-                    output,
-                    options,
-                    device=used,
-                    clock=clock,
-                    tell=lambda sample: out.print(told.line(sample), soft_wrap=True),
+                    output, options, device=used, clock=clock, tell=lambda sample: clock.say(told.line(sample))
                 )
-            except KeyboardInterrupt:
-                out.print(f"stopped after {told.seen} of {samples} samples; the same command goes on from there")
-                raise
+        except KeyboardInterrupt:
+            out.print(f"stopped after {told.seen} of {samples} samples; the same command goes on from there")
+            raise
         with progress_clock() as clock:
             table = describe_dataset(output, voxel_size=job.VOXEL_SIZE, ground="robust", clock=clock)
         for part in dataset_tables(table):
             out.print(part, soft_wrap=isinstance(part, str))
-        out.print(f"wrote {len(made)} samples to {output}", soft_wrap=True)
+        fresh = sum(not sample.was_there for sample in made)
+        out.print(f"wrote {fresh} samples to {output}; {len(made) - fresh} were there", soft_wrap=True)
 
 
 class _Told:
@@ -140,11 +137,15 @@ class _Told:
     def __init__(self, samples: int) -> None:
         self.seen = 0
         self._samples, self._made, self._start = samples, 0, time.monotonic()
+        self._scenes: set[str] = set()
 
     def line(self, sample: DatasetSample) -> str:
         self.seen += 1
         iou: dict[str, Any] = sample.facts["iou"]
-        text = f"{sample.name:<9} {sample.facts['scene']}: IoU {iou[iou['of']]:.3f} ({iou['of']})"
+        notes = [f"note      {sample.facts['scene']}: {note}\n" for note in sample.facts["scene_notes"]]
+        heading = "" if sample.facts["scene"] in self._scenes else "".join(notes)
+        self._scenes.add(sample.facts["scene"])
+        text = heading + f"{sample.name:<9} {sample.facts['scene']}: IoU {iou[iou['of']]:.3f} ({iou['of']})"
         if sample.was_there:
             return f"{text}, was there"
         self._made += 1

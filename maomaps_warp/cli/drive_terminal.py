@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,18 +20,19 @@ if TYPE_CHECKING:
 
     from maomaps_warp.jobs.drive import Drive, Glance, Key
 
-#: What each key means to the robot; terminals send arrows as escape sequences.
+_ARROW_ENDS: dict[str, Key] = {"A": "forward", "B": "back", "D": "left", "C": "right"}
+#: What each key means to the robot; terminals send arrows as escape sequences, of one of two modes.
 _KEYS: dict[str, Key] = {
     "w": "forward",
     "s": "back",
     "a": "left",
     "d": "right",
     " ": "stop",
-    "\x1b[A": "forward",
-    "\x1b[B": "back",
-    "\x1b[D": "left",
-    "\x1b[C": "right",
+    **{f"\x1b{mode}{end}": key for mode in "[O" for end, key in _ARROW_ENDS.items()},
 }
+#: A key: an escape sequence, or one character. And what may be the beginning of a sequence.
+_KEY = re.compile("\x1b[O\\[][0-9;]*[A-Za-z~]|.", re.DOTALL)
+_UNFINISHED = re.compile("\x1b([O\\[][0-9;]*)?$")
 _HELP = "W A S D or arrows drive, space stops, R begins and ends the run, Q leaves"
 _ARROWS = "→↗↑↖←↙↓↘"
 
@@ -54,21 +56,23 @@ def picture_size(aspect: float) -> tuple[int, int]:
 
 
 def drive_in_terminal(drive: Drive) -> None:
-    """Let the user drive until the run is done or left."""
-    with _raw_terminal():
-        due = time.monotonic()
+    """Let the user drive until the run is done or left; Ctrl-C leaves."""
+    with _raw_terminal(), suppress(KeyboardInterrupt):
+        due, unread = time.monotonic(), ""
         while drive.state in ("waiting", "recording"):
-            for key in _pressed():
+            keys, unread = keys_of(unread + _typed())
+            for key in keys:
                 if key in _KEYS:
                     drive.press(_KEYS[key])
                 elif key == "r":
-                    drive.record()
-                elif key in ("q", "\x03"):
+                    drive.toggle()
+                elif key == "q":
                     drive.leave()
             glance = drive.step()
             _draw(drive, glance)
             due = max(due + drive.step_s, time.monotonic())
             time.sleep(max(0.0, due - time.monotonic()))
+    drive.leave()
 
 
 @contextmanager
@@ -89,23 +93,25 @@ def _raw_terminal() -> Iterator[None]:
         sys.stdout.flush()
 
 
-def _pressed() -> list[str]:
-    """Every key since the last time."""
+def _typed() -> str:
+    """What was typed since the last time."""
     import select
 
-    descriptor = sys.stdin.fileno()
-    text = ""
+    descriptor, text = sys.stdin.fileno(), ""
     while select.select([descriptor], [], [], 0.0)[0]:
         some = os.read(descriptor, 1024).decode("utf-8", "replace")
         if not some:
-            return ["q"]  # the terminal is gone
+            return text + "q"  # the terminal is gone
         text += some
-    keys = []
-    while text:
-        width = 3 if text.startswith("\x1b[") else 1
-        keys.append(text[:width] if width == 3 else text[0].lower())
-        text = text[width:]
-    return keys
+    return text
+
+
+def keys_of(text: str) -> tuple[list[str], str]:
+    """The keys of what was typed, in small letters, and the beginning of one that is not complete."""
+    unfinished = _UNFINISHED.search(text)
+    rest = unfinished.group() if unfinished else ""
+    keys = _KEY.findall(text[: len(text) - len(rest)])
+    return [key.lower() if len(key) == 1 else key for key in keys], rest
 
 
 def _draw(drive: Drive, glance: Glance) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from maomaps_warp.cli import EXIT_INTERRUPTED
+from maomaps_warp.cli.drive import Where, drive_by_hand, kept_drive
 from maomaps_warp.cli.options import CameraText, Debug, Device, PoseFrame, camera_of
 from maomaps_warp.cli.robot_options import (
     Also,
@@ -28,19 +29,13 @@ from maomaps_warp.cli.robot_options import (
 )
 from maomaps_warp.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from maomaps_warp.jobs.drive import Drive
-    from maomaps_warp.jobs.record import RecordOptions
-
 
 def record(
     scene: Annotated[str, typer.Argument(help="A .glb, .gltf, .ply or .obj; or flat, flat:SEED: a furnished flat.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="BAG", help="NAME.bag (ROS 1), NAME.mcap or NAME (ROS 2).")
     ],
-    duration: Annotated[float, typer.Option(metavar="S", help="How long, at most.")] = 60.0,
+    duration: Annotated[float | None, typer.Option(metavar="S", help="How long, at most.", show_default="60")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the exploration.")] = 0,
     start: Annotated[str | None, typer.Option(metavar="X,Y", help="Where to start, metres.")] = None,
     waypoint: Annotated[
@@ -50,10 +45,8 @@ def record(
         Path | None, typer.Option(metavar="FILE", help="Follow these poses exactly (TUM, KITTI, EuRoC, MAOMaps).")
     ] = None,
     pose_frame: PoseFrame = "auto",
-    drive: Annotated[
-        Literal["terminal", "browser"] | None, typer.Option(help="Drive by keys there, instead of exploring.")
-    ] = None,
-    port: Annotated[int, typer.Option(metavar="N", help="Of the page of --drive browser.")] = 8080,
+    drive: Annotated[Where | None, typer.Option(help="Drive by keys there, instead of exploring.")] = None,
+    port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Of the page of --drive browser.")] = 8080,
     camera: CameraText = None,
     antialias: Antialias = 2,
     light: Light = "natural",
@@ -83,11 +76,12 @@ def record(
     holds the frames until then. Exit code 2: the scene or a place cannot be used, or the bag cannot be written.
     """
     from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
+    from maomaps_warp.io.bags.writing import bag_kind, check_new_bag
     from maomaps_warp.jobs import record as job
 
     with user_errors(debug):
         check_device_name(device)
-        _check_alone(trajectory, start, waypoint, drive)
+        _check_alone(trajectory, start, waypoint, drive, duration)
         lens = camera_of(camera)
         places = tuple(_place("--waypoint", text) for text in waypoint or ())
         options = replace(
@@ -106,7 +100,7 @@ def record(
                 pitch=pitch,
                 seed=seed,
             ),
-            duration=_positive("--duration", duration),
+            duration=60.0 if duration is None else _positive("--duration", duration),
             start=None if start is None else _place("--start", start),
             waypoints=places,
             trajectory=trajectory,
@@ -121,62 +115,45 @@ def record(
         from maomaps_warp.mapping.device import resolve_device
 
         out = console()
-        driven = None
-        if drive is not None:
-            used = resolve_device(device, "render", "map")
-            driven = _driven(scene, output, options, drive, port, used, lambda text: out.print(text, soft_wrap=True))
-        with progress_clock() as clock:
-            if driven is None:
+
+        def tell(text: str) -> None:
+            out.print(text, soft_wrap=True)
+
+        bag_kind(output)
+        check_new_bag(output, overwrite=overwrite)
+        if drive is None:
+            with progress_clock() as clock:
                 with clock.stage("start device"):
                     used = resolve_device(device, "render")
                 recorded = job.record(scene, output, options, device=used, clock=clock)
-            else:
-                free = driven.space.area
-                recorded = job.record_in(
-                    driven.world, driven.trajectory, output, options, free_area=free, device=used, clock=clock
+        else:
+            used = resolve_device(device, "render", "map")
+            driven = drive_by_hand(scene, options, drive, port=port, device=used, tell=tell)
+            with kept_drive(driven, tell) as keep, progress_clock() as clock:
+                recorded = job.record_world(
+                    driven.world,
+                    driven.trajectory,
+                    output,
+                    options,
+                    free_area=driven.space.area,
+                    device=used,
+                    clock=clock,
                 )
+                if recorded.run.is_stopped:
+                    keep()
         for note in recorded.world.notes:
-            out.print(f"note   {note}", soft_wrap=True)
+            tell(f"note   {note}")
         area = "" if recorded.free_area is None else f"; {recorded.free_area:.1f} m2 free for the robot"
         triangles, parts = len(recorded.world.triangles), len(recorded.world.parts)
-        out.print(f"scene  {recorded.world.source}: {triangles} triangles, parts: {parts}{area}", soft_wrap=True)
+        tell(f"scene  {recorded.world.source}: {triangles} triangles, parts: {parts}{area}")
         run = recorded.run
-        length = f"{run.path_length:.2f} m, {run.duration_s or 0.0:.1f} s"
-        out.print(
-            f"run    {recorded.frames} frames, {length}; {100.0 * recorded.empty:.1f} % of the pixels see nothing"
-        )
-        out.print(f"wrote  {output}", soft_wrap=True)
-        if recorded.is_interrupted:
-            out.print(f"stopped after {recorded.frames} of {len(recorded.trajectory)} frames")
+        way = run.trajectory
+        length = f"{len(way)} frames, {way.path_length:.2f} m, {way.duration_s or 0.0:.1f} s"
+        tell(f"run    {length}; {100.0 * run.empty:.1f} % of the pixels see nothing")
+        tell(f"wrote  {output}")
+        if run.is_stopped:
+            tell(f"stopped after {len(way)} of {run.planned} frames")
             raise typer.Exit(EXIT_INTERRUPTED)
-
-
-def _driven(
-    scene: str, output: Path, options: RecordOptions, where: str, port: int, device: str, tell: Callable[[str], None]
-) -> Drive:
-    """A drive by hand that is over, and has a run to be recorded."""
-    from maomaps_warp.cli import drive_browser, drive_terminal
-    from maomaps_warp.io.bags.writing import bag_kind, check_new_bag
-    from maomaps_warp.jobs.drive import Drive
-
-    bag_kind(output)
-    check_new_bag(output, overwrite=options.overwrite)
-    if where == "terminal":
-        drive = Drive(
-            scene, options, drive_terminal.picture_size(options.camera.width / options.camera.height), device=device
-        )
-        drive_terminal.drive_in_terminal(drive)
-    else:
-        drive = Drive(scene, options, drive_browser.PICTURE_SIZE, device=device)
-        view = drive_browser.BrowserView(drive, port)
-        tell(f"drive  {view.address}: Ctrl-C leaves")
-        try:
-            drive_browser.drive_in_browser(drive, view)
-        finally:
-            view.close()
-    if drive.state == "left":
-        raise InputError("the drive", "was left before a run began", "R begins a run, and R again ends it")
-    return drive
 
 
 def _place(option: str, text: str) -> tuple[float, float]:
@@ -195,8 +172,17 @@ def _positive(option: str, value: float) -> float:
     return value
 
 
-def _check_alone(trajectory: Path | None, start: str | None, waypoints: list[str] | None, drive: str | None) -> None:
-    if drive is not None and (trajectory is not None or waypoints):
-        raise InputError(f"--drive {drive}", "given beside --trajectory or --waypoint", "give one or the other")
-    if trajectory is not None and (start is not None or waypoints):
-        raise InputError(f"--trajectory {trajectory}", "given beside --start or --waypoint", "give one or the other")
+def _check_alone(
+    trajectory: Path | None, start: str | None, waypoints: list[str] | None, drive: str | None, duration: float | None
+) -> None:
+    """Refuse options that would be ignored."""
+    beside = {
+        "--start": start is not None and trajectory is not None,
+        "--waypoint": bool(waypoints),
+        "--duration": duration is not None,
+        "--trajectory": drive is not None and trajectory is not None,
+    }
+    ruling = f"--drive {drive}" if drive is not None else f"--trajectory {trajectory}"
+    if (drive is not None or trajectory is not None) and any(beside.values()):
+        others = " and ".join(option for option, is_given in beside.items() if is_given)
+        raise InputError(ruling, f"given beside {others}", "give one or the other")

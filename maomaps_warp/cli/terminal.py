@@ -23,6 +23,8 @@ EXIT_NO_SCORE = 3
 
 #: Width of tables where there is no terminal to ask, columns.
 _PIPE_WIDTH = 120
+#: How long the speed of a stage is looked back at, seconds: the samples of a dataset take minutes each.
+_SPEED_PERIOD_S = 3600.0
 
 
 @contextmanager
@@ -66,8 +68,17 @@ def console() -> Console:
 
 
 @contextmanager
-def progress_clock() -> Iterator[Stopwatch]:
-    """A stopwatch whose stages draw progress bars on stderr; silent where that is no terminal."""
+def progress_clock(out: Console | None = None) -> Iterator[Stopwatch]:
+    """A stopwatch whose stages draw progress bars on stderr; silent where that is no terminal.
+
+    What it is told to say is printed on `out`, above the bars.
+    """
+
+    def say(text: str) -> None:
+        if out is not None:
+            out.print(text, soft_wrap=True)
+            sys.stdout.flush()
+
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -80,7 +91,7 @@ def progress_clock() -> Iterator[Stopwatch]:
 
     stderr = Console(stderr=True)
     if not stderr.is_terminal:
-        yield Stopwatch()
+        yield Stopwatch(say=say)
         return
     columns = (
         TextColumn("{task.description:<20}"),
@@ -90,15 +101,31 @@ def progress_clock() -> Iterator[Stopwatch]:
         TextColumn("left"),
         TimeRemainingColumn(compact=True),
     )
-    with Progress(*columns, console=stderr, transient=True) as bars:
+    # Redirecting would send what is said to stderr.
+    bars = Progress(
+        *columns,
+        console=stderr,
+        transient=True,
+        speed_estimate_period=_SPEED_PERIOD_S,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+    with bars:
         tasks = {}
 
         def show(stage: str, done: int, total: int | None) -> None:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=total)
+            elif done == 0:  # the stage begins anew
+                bars.reset(tasks[stage], total=total)
             bars.update(tasks[stage], completed=done, total=total)
 
-        yield Stopwatch(show)
+        def say_above(text: str) -> None:
+            bars.stop()
+            say(text)
+            bars.start()
+
+        yield Stopwatch(show, say_above)
 
 
 def quiet_warp() -> None:

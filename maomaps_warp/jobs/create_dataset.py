@@ -15,18 +15,17 @@ from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
 from maomaps_warp.io.sample_writing import SamplePlace
 from maomaps_warp.io.sources import SourceOptions
-from maomaps_warp.jobs.dataset_recipe import SCHEMA, DatasetOptions, SceneEntry, begin_dataset, recipe_of
+from maomaps_warp.jobs.dataset_recipe import SCHEMA, DatasetOptions, SceneEntry, begun_dataset, read_facts, recipe_of
 from maomaps_warp.jobs.ground_truth import open_recording
 from maomaps_warp.jobs.pair_search import PairSearch, PlannedPair, PlannedRun, iou_of
-from maomaps_warp.jobs.record import open_world, record_run
+from maomaps_warp.jobs.record import open_world, record_simulator
 from maomaps_warp.jobs.sample import MadeSample, make_sample
 from maomaps_warp.map_protocol import MAP_PRESETS
 from maomaps_warp.model.dataset import OverlapFigures
-from maomaps_warp.sim.effects import Effects
-from maomaps_warp.sim.free_space import find_free_space
+from maomaps_warp.sim.free_space import FreeSpace, find_free_space
 from maomaps_warp.sim.recorder import MAOMAPS_TOPICS
 from maomaps_warp.sim.render import MeshSimulator
-from maomaps_warp.sim.simulator import EXACT_DEPTH, camera_path
+from maomaps_warp.sim.simulator import EXACT_DEPTH
 from maomaps_warp.sim.world import World
 from maomaps_warp.stopwatch import Stopwatch
 
@@ -34,6 +33,7 @@ __all__ = ["DatasetOptions", "DatasetSample", "SceneEntry", "create_dataset"]
 
 #: What became of a sample, in its folder.
 FACTS = "sample.json"
+_NEEDED = ("scene", "scene_notes", "iou")
 #: Of all maps, metres.
 VOXEL_SIZE = MAP_PRESETS["maomaps"].voxel_size
 _RUNS = ("first", "second")
@@ -94,15 +94,20 @@ def create_dataset(
         KeyboardInterrupt: Ctrl-C; the samples that are complete stay.
     """
     clock = clock or Stopwatch()
-    begin_dataset(folder, recipe_of(options))
     made = []
-    with clock.stage("dataset") as progress:
+    with clock.stage("read scenes") as progress:
+        digests = []
+        for number, scene in enumerate(options.scenes, 1):
+            # All of them before the first sample: who has a typing error in the last should not wait for an hour.
+            digests.append(_open_site(scene, options, device)[0].digest)
+            progress(number, len(options.scenes))
+    with begun_dataset(folder, recipe_of(options, digests, device)), clock.stage("dataset") as progress:
         for number in range(1, options.samples + 1):
             progress(number - 1, options.samples)
             name = f"sample{number}"
             facts = folder / name / FACTS
             if was_there := facts.exists():
-                known = json.loads(facts.read_text(encoding="utf-8"))
+                known = read_facts(facts, f"remove {folder / name}: it is made anew", _NEEDED)
             else:
                 known = _make(folder, name, number, options, device, clock)
             made.append(DatasetSample(name, known, was_there))
@@ -128,7 +133,7 @@ def _make(
         where = error.where.replace(str(part), str(folder / name))
         raise InputError(where, error.found, error.hint) from error
     except OSError as error:
-        raise InputError(folder / name, f"cannot be written: {error.strerror}", "free some space") from error
+        raise InputError(folder / name, f"cannot be written: {error.strerror or error}", "see --debug") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return facts
@@ -138,14 +143,13 @@ def _record_pair(
     part: Path, name: str, number: int, options: DatasetOptions, device: str, clock: Stopwatch
 ) -> dict[str, Any]:
     scene = options.scenes[(number - 1) % len(options.scenes)]
-    robot = replace(options.robot, scene=scene.options, floor_z=scene.floor_z)
+    robot = options.robot
     rules = MAP_PRESETS["maomaps"]
     low, high = options.iou
     share = float(np.random.default_rng([options.seed]).random()) + number / _GOLDEN
     wanted = low + (high - low) * (share % 1.0)
     with clock.stage("read scene"):
-        world = open_world(scene.name, scene.options)
-        space = find_free_space(world, robot.robot, floor_z=scene.floor_z, device=device)
+        world, space = _open_site(scene, options, device)
     search = PairSearch(
         world,
         space,
@@ -161,14 +165,11 @@ def _record_pair(
     found = []
     for tried in range(1, _MOST_TRIES + 1):
         with clock.stage("plan"):
-            pair = search.pair(wanted)
-        if not low <= pair.expected_iou <= high:
-            found.append(pair.expected_iou)
-            break
-        recorded = _record_and_map(part, pair, simulator, world, options, device, clock)
+            pair = search.pair(wanted, options.iou)
+        recorded = _record_and_map(part, number, pair, simulator, world, options, device, clock)
         iou = iou_of(recorded.overlap, options.kind)
         if low <= iou <= high:
-            return _facts(name, scene, recorded, wanted, tried, options)
+            return _facts(name, world, scene, recorded, wanted, tried, options)
         found.append(iou)
         search.learn(pair, iou)
         shutil.rmtree(part)
@@ -181,8 +182,15 @@ def _record_pair(
     )
 
 
+def _open_site(scene: SceneEntry, options: DatasetOptions, device: str) -> tuple[World, FreeSpace]:
+    """A scene, and where the robot can go in it."""
+    world = open_world(scene.name, scene.options)
+    return world, find_free_space(world, options.robot.robot, floor_z=scene.floor_z, device=device)
+
+
 def _record_and_map(
     part: Path,
+    number: int,
     pair: PlannedPair,
     simulator: MeshSimulator,
     world: World,
@@ -195,19 +203,19 @@ def _record_and_map(
     bags, empty = {}, {}
     for run, planned in zip(_RUNS, (pair.first, pair.second), strict=True):
         bags[run] = part / f"{run}{options.suffix}"
-        effects = replace(options.robot.effects, seed=_effect_seed(options.robot.effects, planned))
-        path = camera_path(planned.trajectory, effects)
+        effects = replace(options.robot.effects, seed=_effect_seed(options, number, planned))
         with clock.stage("record") as progress:
-            frames, empty[run] = record_run(
+            recorded = record_simulator(
                 simulator,
-                path,
+                planned.trajectory,
                 bags[run],
                 effects=effects,
                 part_names=world.parts if options.robot.render.with_parts else (),
                 progress=progress,
             )
-        if frames < len(path):
+        if recorded.is_stopped:
             raise KeyboardInterrupt
+        empty[run] = recorded.empty
     # Ground truth is made of depth without noise.
     topics = (MAOMAPS_TOPICS.extras[EXACT_DEPTH],) if options.robot.effects.spoils_depth else ()
     rules = MAP_PRESETS["maomaps"]
@@ -218,21 +226,20 @@ def _record_and_map(
     return _RecordedPair(pair, made, made.figures.overlap, empty)
 
 
-def _effect_seed(effects: Effects, run: PlannedRun) -> int:
-    """Another one for each run of a sample."""
-    return int(np.random.default_rng([effects.seed, run.number]).integers(1 << 31))
+def _effect_seed(options: DatasetOptions, number: int, run: PlannedRun) -> int:
+    """Another one for each run of each sample."""
+    return int(np.random.default_rng([options.seed, number, run.number]).integers(1 << 31))
 
 
 def _facts(
     name: str,
+    world: World,
     scene: SceneEntry,
     recorded: _RecordedPair,
     wanted: float,
     tried: int,
     options: DatasetOptions,
 ) -> dict[str, Any]:
-    from importlib.metadata import version
-
     pair, overlap = recorded.pair, recorded.overlap
     runs = {
         run: {
@@ -247,9 +254,9 @@ def _facts(
     iou = {"voxels": overlap.voxel_iou, "known": overlap.known_iou, "obstacle": overlap.obstacle_iou}
     return {
         "schema": SCHEMA,
-        "maomaps_warp": version("maomaps-warp"),
         "sample": name,
         "scene": Path(scene.name).name,
+        "scene_notes": list(world.notes),
         "iou": iou | {"asked_for": list(options.iou), "of": options.kind, "aimed_at": wanted, "tries": tried},
         "runs": runs,
         "notes": {run: list(notes) for run, notes in recorded.made.notes.items()},

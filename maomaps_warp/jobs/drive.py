@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -27,6 +30,10 @@ __all__ = ["Drive", "Glance", "Key", "State"]
 
 State = Literal["waiting", "recording", "done", "left"]
 
+_AFTER_TOGGLE: dict[State, State] = {"waiting": "recording", "recording": "done", "done": "done", "left": "left"}
+_AFTER_LEAVING: dict[State, State] = {"waiting": "left", "recording": "done", "done": "done", "left": "left"}
+#: The key that begins and ends a run is not listened to again so soon, seconds.
+DEBOUNCE_S = 0.7
 #: Voxels of the map so far, metres; it takes one of so many glances, and depth up to so many metres.
 _MAP_VOXEL_M, _MAP_EVERY, _MAP_RANGE_M = 0.1, 5, 8.0
 
@@ -51,28 +58,38 @@ class Glance:
 
 
 class Drive:
-    """A robot in a scene that obeys keys. A run begins and ends with `record`, and is left without one by `leave`.
+    """A robot in a scene that obeys keys. A run begins and ends with `toggle`, and is left without one by `leave`.
 
     Args:
         scene: a file, or "flat" or "flat:SEED".
         options: the robot, how it drives, where it starts.
         shown: size of the images to look at meanwhile, columns and rows.
         device: Warp device.
+        now: seconds of a clock that keys are timed by.
 
     Raises:
         InputError: the scene or the start cannot be used.
     """
 
-    def __init__(self, scene: str, options: RecordOptions, shown: tuple[int, int], *, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        scene: str,
+        options: RecordOptions,
+        shown: tuple[int, int],
+        *,
+        device: str = "cpu",
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.world: World = open_world(scene, options.scene)
         around = None if options.start is None else np.array(options.start)
         self.space: FreeSpace = find_free_space(
             self.world, options.robot, around=around, floor_z=options.floor_z, device=device
         )
         start = free_start(self.world, self.space, options)
-        self.robot = Teleop(self.space, options.driving, options.robot.camera_height, start)
+        self.robot = Teleop(self.space, options.driving, options.robot.camera_height, start, now=now)
         self.camera = options.camera.resized(*shown)
         self.state: State = "waiting"
+        self._now, self._toggled = now, -math.inf
         self._options, self._device = options, device
         quick = replace(options.render, samples=1, with_normals=False, with_parts=False)
         self._simulator = MeshSimulator(self.world, self.camera, device, quick)
@@ -91,13 +108,15 @@ class Drive:
         """A key of the robot went down, or is still down."""
         self.robot.press(key)
 
-    def record(self) -> None:
-        """Begin the run, or end it."""
-        self.state = {"waiting": "recording", "recording": "done"}.get(self.state, self.state)  # type: ignore[assignment]
+    def toggle(self) -> None:
+        """Begin the run, or end it. A key that is held, or pressed twice by mistake, counts once."""
+        before, self._toggled = self._toggled, self._now()
+        if self._toggled - before > DEBOUNCE_S:
+            self.state = _AFTER_TOGGLE[self.state]
 
     def leave(self) -> None:
         """End a run that has begun; leave without one that has not."""
-        self.state = "done" if self.state == "recording" else "left"
+        self.state = _AFTER_LEAVING[self.state]
 
     def step(self, *, with_map: bool = False) -> Glance:
         """Go on by `step_s`, and look."""

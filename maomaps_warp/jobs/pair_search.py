@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from maomaps_warp.jobs.record import RecordOptions
+from maomaps_warp.jobs.record import RecordOptions, driven
 from maomaps_warp.mapping.depth_samples import DepthLimits
 from maomaps_warp.mapping.ground import Ground
 from maomaps_warp.mapping.voxel_map import build_voxel_map
@@ -20,9 +20,8 @@ from maomaps_warp.model.dataset import OverlapFigures
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.model.voxels import VoxelGrid
 from maomaps_warp.scoring.overlap import map_overlap
-from maomaps_warp.sim.driving import drive_along
 from maomaps_warp.sim.free_space import FreeSpace
-from maomaps_warp.sim.planning import Planner, rounded
+from maomaps_warp.sim.planning import Planner
 from maomaps_warp.sim.render import MeshSimulator, RenderOptions
 from maomaps_warp.sim.simulator import simulated_frames
 from maomaps_warp.sim.world import World
@@ -97,6 +96,7 @@ class PairSearch:
             options.camera.resized(max(1, options.camera.width // _SMALLER), max(1, options.camera.height // _SMALLER)),
             device,
             RenderOptions(are_back_faces_seen=options.render.are_back_faces_seen),
+            has_colors=False,
         )
         # One lattice for all runs, so that their voxels can be compared.
         middle = np.append(space.place_of(self._planner.cells).mean(axis=0), space.floor_z)
@@ -105,14 +105,24 @@ class PairSearch:
         self._tried: set[tuple[int, int]] = set()
         self._correction = 1.0
 
-    def pair(self, wanted: float) -> PlannedPair:
-        """The best pair that was not tried yet."""
+    def pair(self, wanted: float, allowed: tuple[float, float]) -> PlannedPair:
+        """The best pair that was not tried yet.
+
+        Args:
+            wanted: overlap that it should have.
+            allowed: lowest and highest; a pair that is expected to lie outside is only taken when no more runs are
+                drawn and none is expected inside.
+        """
+
+        def misses(key: tuple[int, int]) -> tuple[bool, float]:
+            expected = self._expected(key)
+            return not allowed[0] <= expected <= allowed[1], abs(expected - wanted)
+
         while True:
-            left = [key for key in self._rough if key not in self._tried]
-            best = min(left, key=lambda key: abs(self._expected(key) - wanted), default=None)
+            best = min((key for key in self._rough if key not in self._tried), key=misses, default=None)
             if best is not None:
-                is_near = abs(self._expected(best) - wanted) <= _NEAR_ENOUGH
-                if is_near or len(self.runs) >= _MOST_RUNS:
+                is_outside, distance = misses(best)
+                if len(self.runs) >= _MOST_RUNS or (not is_outside and distance <= _NEAR_ENOUGH):
                     self._tried.add(best)
                     return PlannedPair(self.runs[best[0]], self.runs[best[1]], self._expected(best))
             self._draw()
@@ -131,13 +141,9 @@ class PairSearch:
         number = len(self.runs)
         rng = np.random.default_rng([*self._seed, number])
         duration = rng.uniform(*self._duration)
-        start = self._planner.cells[rng.integers(len(self._planner.cells))]
-        driving = self._options.driving
-        way = self._planner.exploration(
-            self._space.place_of(start), driving.speed * duration, int(rng.integers(1 << 31))
-        )
-        height = self._space.floor_z + self._options.robot.camera_height
-        trajectory = drive_along(rounded(way, self._space), height, driving, duration)
+        start = self._space.place_of(self._planner.cells[rng.integers(len(self._planner.cells))])
+        way = self._planner.exploration(start, self._options.driving.speed * duration, int(rng.integers(1 << 31)))
+        trajectory = driven(way, self._space, self._options, duration)
         run = PlannedRun(number, trajectory, self._rough_map(trajectory))
         for other in self.runs:
             self._rough[other.number, number] = self._overlap(other, run)

@@ -38,16 +38,18 @@ __all__ = [
     "Effects",
     "RecordOptions",
     "Recorded",
+    "RecordedRun",
     "RenderOptions",
     "Robot",
     "SceneOptions",
+    "driven",
     "free_start",
     "is_flat",
     "open_world",
     "plan_run",
     "record",
-    "record_in",
-    "record_run",
+    "record_simulator",
+    "record_world",
 ]
 
 #: progress(done, total).
@@ -100,32 +102,35 @@ class RecordOptions:
 
 
 @dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """What a bag holds that was recorded.
+
+    Attributes:
+        trajectory: poses of its frames.
+        planned: how many frames there would have been.
+        is_stopped: whether Ctrl-C was pressed; then there may be fewer.
+        empty: share of the pixels that see nothing.
+    """
+
+    trajectory: Trajectory
+    planned: int
+    is_stopped: bool
+    empty: float
+
+
+@dataclass(frozen=True, eq=False)
 class Recorded:
     """A recording that was made.
 
     Attributes:
-        frames: how many.
-        empty: share of their pixels that see nothing.
-        trajectory: the poses that were planned.
+        run: what was recorded.
         world: what was seen.
         free_area: square metres in which the robot could go; None where it followed a file.
     """
 
-    frames: int
-    empty: float
-    trajectory: Trajectory
+    run: RecordedRun
     world: World
     free_area: float | None
-
-    @property
-    def is_interrupted(self) -> bool:
-        """Whether Ctrl-C ended it early: the bag holds the frames until then, and their poses."""
-        return self.frames < len(self.trajectory)
-
-    @property
-    def run(self) -> Trajectory:
-        """The poses of the frames that were recorded."""
-        return self.trajectory.select(np.arange(self.frames))
 
 
 def record(
@@ -149,7 +154,7 @@ def record(
     with clock.stage("read scene"):
         world = open_world(scene, options.scene)
     trajectory, free_area = plan_run(world, options, device=device, clock=clock)
-    return record_in(world, trajectory, output, options, free_area=free_area, device=device, clock=clock)
+    return record_world(world, trajectory, output, options, free_area=free_area, device=device, clock=clock)
 
 
 def plan_run(
@@ -171,10 +176,10 @@ def plan_run(
         around = np.array(options.places[0]) if options.places else None
         space = find_free_space(world, options.robot, around=around, floor_z=options.floor_z, device=device)
     with clock.stage("plan"):
-        return _driven(world, space, options), space.area
+        return _planned(world, space, options), space.area
 
 
-def record_in(
+def record_world(
     world: World,
     trajectory: Trajectory,
     output: Path,
@@ -182,14 +187,14 @@ def record_in(
     *,
     free_area: float | None = None,
     device: str = "cpu",
-    clock: Stopwatch,
+    clock: Stopwatch | None = None,
 ) -> Recorded:
     """Record what a robot on a trajectory sees of a world; see `record`."""
-    trajectory = camera_path(trajectory, options.effects)
+    clock = clock or Stopwatch()
     simulator = MeshSimulator(world, options.camera, device, options.render)
     names = world.parts if options.render.with_parts else ()
     with clock.stage("record") as progress:
-        frames, empty = record_run(
+        run = record_simulator(
             simulator,
             trajectory,
             output,
@@ -198,10 +203,10 @@ def record_in(
             overwrite=options.overwrite,
             progress=progress,
         )
-    return Recorded(frames, empty, trajectory, world, free_area)
+    return Recorded(run, world, free_area)
 
 
-def record_run(
+def record_simulator(
     simulator: Simulator,
     trajectory: Trajectory,
     output: Path,
@@ -210,14 +215,14 @@ def record_run(
     part_names: Sequence[str] = (),
     overwrite: bool = False,
     progress: Progress | None = None,
-) -> tuple[int, float]:
+) -> RecordedRun:
     """Record what a simulator shows along a trajectory, as MAOMaps bags have it.
 
     The first Ctrl-C closes the bag after the frame that it is at; the second leaves nothing.
 
     Args:
         simulator: gives the images; any object with `camera`, `source` and `see`.
-        trajectory: the camera's poses, with stamps.
+        trajectory: the robot's camera's poses, with stamps; `effects` may shake it.
         output: NAME.bag (ROS 1), NAME.mcap (ROS 2, one file) or NAME (ROS 2, a folder).
         effects: what spoils the images.
         part_names: what the numbers in images of parts mean.
@@ -225,13 +230,14 @@ def record_run(
         progress: told how many frames there are (done, total).
 
     Returns:
-        How many frames were recorded, and the share of their pixels that see nothing.
+        What was recorded.
 
     Raises:
         InputError: the bag cannot be written.
         ValueError: poses without stamps, or images of a wrong shape or type.
     """
     frames = empty = 0
+    trajectory = camera_path(trajectory, effects)
     stream = simulated_frames(simulator, trajectory, effects)
 
     def read(with_colors: bool) -> Iterator[Frame]:
@@ -254,7 +260,9 @@ def record_run(
             stop=stop,
             overwrite=overwrite,
         )
-    return frames, empty / max(1, frames * simulator.camera.width * simulator.camera.height)
+    pixels = max(1, frames * simulator.camera.width * simulator.camera.height)
+    recorded = trajectory.select(np.arange(frames))
+    return RecordedRun(recorded, len(trajectory), stop.is_set(), empty / pixels)
 
 
 @contextmanager
@@ -284,6 +292,10 @@ def open_world(scene: str, options: SceneOptions) -> World:
         InputError: there is no such scene, or it cannot be used.
     """
     if is_flat(scene):
+        if options != SceneOptions():
+            raise InputError(
+                scene, "is built in: there is no file whose up, unit or parts could be chosen", "leave them out"
+            )
         _, colon, seed = scene.partition(":")
         if colon and not seed.isdecimal():
             raise InputError(scene, f"{seed!r} is no seed", "flat:SEED takes a whole number, flat is flat:0")
@@ -305,7 +317,7 @@ def _followed(options: RecordOptions) -> Trajectory:
     return trajectory
 
 
-def _driven(world: World, space: FreeSpace, options: RecordOptions) -> Trajectory:
+def _planned(world: World, space: FreeSpace, options: RecordOptions) -> Trajectory:
     planner = Planner(space)
     wanted = [_free_place(space, np.array(place), options.robot) for place in options.places]
     if options.start is None and len(wanted) < 2:
@@ -316,8 +328,13 @@ def _driven(world: World, space: FreeSpace, options: RecordOptions) -> Trajector
         way = planner.exploration(wanted[0], options.driving.speed * options.duration, options.seed)
     if len(way) < 2:
         raise InputError("--waypoint", "all of them are one place", "give two places, or none to explore")
+    return driven(way, space, options, options.duration)
+
+
+def driven(way: NDArray[np.float64], space: FreeSpace, options: RecordOptions, duration: float) -> Trajectory:
+    """The camera's poses on a way, (K, 2) metres, cell by cell; for so many seconds at most."""
     height = space.floor_z + options.robot.camera_height
-    return drive_along(rounded(way, space), height, options.driving, options.duration)
+    return drive_along(rounded(way, space), height, options.driving, duration)
 
 
 def free_start(world: World, space: FreeSpace, options: RecordOptions) -> NDArray[np.float64]:

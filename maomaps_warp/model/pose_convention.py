@@ -104,7 +104,7 @@ def inverse_poses(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def y_up_opengl_poses(T_world_camera: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same poses as Habitat, Blender's glTF and OpenGL state them; the inverse of nothing that readers do.
+    """The same poses as Habitat and other worlds with y up and OpenGL's cameras state them.
 
     Args:
         T_world_camera: (..., 4, 4) float64, metres: an optical frame (x right, y down, z forward) in a world with z up.

@@ -33,7 +33,9 @@ _GUESS_PER_IMAGE, _GUESS_HZ, _GUESS_SMEAR = (0.3, 2.0), (0.02, 0.2), 1.0 / 120.0
 #: Seconds that the shutter is open, half of them before the stamp; pictures that are taken in between.
 EXPOSURE_S, EXPOSURE_FRAMES = 0.02, 8
 
-#: Standard deviations per axis at full speed: radians, metres; the range of its frequencies, hertz, and their number.
+#: Standard deviations per axis from this speed on (m/s), less below it: radians, metres; the range of frequencies,
+#: hertz, and their number.
+SHAKE_SPEED = 0.5
 SHAKE_RAD, SHAKE_M, _SHAKE_HZ, _SHAKE_WAVES = float(np.radians(0.3)), 0.002, (0.5, 3.0), 8
 
 
@@ -149,9 +151,9 @@ def exposure_poses(trajectory: Trajectory, index: int) -> NDArray[np.float64]:
     return interpolate_poses(T[before], T[after], at - before)
 
 
-def blurred(pictures: Sequence[NDArray[np.uint8] | None]) -> NDArray[np.uint8]:
+def blurred(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     """The mean of pictures, (H, W, 3) uint8 each."""
-    total = np.sum([picture for picture in pictures if picture is not None], axis=0, dtype=np.uint32)
+    total = np.sum(pictures, axis=0, dtype=np.uint32)
     count = len(pictures)
     return np.asarray((2 * total + count) // (2 * count)).astype(np.uint8)
 
@@ -174,8 +176,9 @@ def shaken(trajectory: Trajectory, seed: int) -> Trajectory:
     phase = rng.uniform(0.0, 2.0 * np.pi, (6, _SHAKE_WAVES, 1))
     # Each wave has a variance of 1/2.
     waves = np.sqrt(2.0 / _SHAKE_WAVES) * np.sin(2.0 * np.pi * frequency * seconds + phase).sum(axis=1)
-    steps = np.linalg.norm(np.gradient(trajectory.positions, axis=0), axis=1)
-    waves = (waves * (steps / max(steps.max(), 1e-12))).T
+    # Stamps may repeat.
+    speed = np.linalg.norm(np.gradient(trajectory.positions, seconds + 1e-9 * np.arange(len(seconds)), axis=0), axis=1)
+    waves = (waves * np.minimum(speed / SHAKE_SPEED, 1.0)).T
     T = trajectory.T_world_camera.copy()
     T[:, :3, :3] = T[:, :3, :3] @ Rotation.from_rotvec(SHAKE_RAD * waves[:, :3]).as_matrix()
     T[:, :3, 3] += SHAKE_M * waves[:, 3:]

@@ -18,6 +18,7 @@ from maomaps_warp.io.rotations import quaternions_from_matrices
 from maomaps_warp.model.frame import FrameStream
 from maomaps_warp.model.pose_convention import T_BODY_CAMERA
 from maomaps_warp.model.trajectory import Trajectory
+from maomaps_warp.sim.simulator import EXACT_DEPTH
 
 CAMERA_FRAME = "camera_optical_frame"
 WORLD_FRAME = "world"
@@ -63,7 +64,7 @@ MAOMAPS_TOPICS = Topics(
     extras={
         "normals": "/habitat/normals/image",
         "parts": "/habitat/semantic/image",
-        "exact_depth": "/true_depth/image",
+        EXACT_DEPTH: "/true_depth/image",
     },
     part_names="/habitat/semantic/parts",
 )

@@ -77,12 +77,20 @@ def scene_of(world: World, options: RenderOptions, device: str, *, with_colors: 
 class MeshSimulator:
     """Sees a world as a pinhole camera does."""
 
-    def __init__(self, world: World, camera: Camera, device: str = "cpu", options: RenderOptions | None = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        camera: Camera,
+        device: str = "cpu",
+        options: RenderOptions | None = None,
+        *,
+        has_colors: bool = True,
+    ) -> None:
         """Puts the world on a device; `options` None: as RenderOptions are by default."""
         self.camera = camera
         self.source = "simulated camera"
         self._options = options or RenderOptions()
-        self._scene = scene_of(world, self._options, device)
+        self._scene = scene_of(world, self._options, device, with_colors=has_colors)
         self._bare = replace(self._scene, look=None)
         self._threads = thread_count(device)
 

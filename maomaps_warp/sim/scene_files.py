@@ -136,7 +136,7 @@ def _part_of(path: Path, name: str, mesh: Any, transform: NDArray[np.float64]) -
         vertices, colors = vertices[triangles.reshape(-1)], np.repeat(mesh.visual.face_colors[:, :3], 3, axis=0)
         triangles = np.arange(len(vertices)).reshape(-1, 3)
     elif mesh.visual.kind == "texture":
-        texture, is_double_sided = _texture_of(mesh.visual.material)
+        texture, is_double_sided = _texture_of(path, name, mesh.visual.material)
         given = mesh.visual.uv
         if given is not None and len(given) == len(vertices):
             uv = np.asarray(given, dtype=np.float32)[:, :2]
@@ -145,7 +145,7 @@ def _part_of(path: Path, name: str, mesh: Any, transform: NDArray[np.float64]) -
     return _Part(name, vertices, triangles, texture, uv, colors, is_double_sided)
 
 
-def _texture_of(material: Any) -> tuple[NDArray[np.uint8], bool]:
+def _texture_of(path: Path, name: str, material: Any) -> tuple[NDArray[np.uint8], bool]:
     """Base colour of a material as a texture, sRGB, and whether its faces are seen from behind."""
     if hasattr(material, "baseColorFactor"):
         # glTF 2.0, 3.9.2: the factor is linear, the texture sRGB; 3.9.6: faces are single-sided unless it says so.
@@ -158,7 +158,10 @@ def _texture_of(material: Any) -> tuple[NDArray[np.uint8], bool]:
         shade = np.ones(3) if factor is None or image is not None else np.asarray(factor, dtype=np.float64)[:3] / 255.0
         table = shade[:, None] * np.arange(256) / 255.0
         is_double_sided = True  # these formats do not say
-    texels = _WHITE if image is None else np.asarray(image.convert("RGB"), dtype=np.uint8)
+    try:
+        texels = _WHITE if image is None else np.asarray(image.convert("RGB"), dtype=np.uint8)
+    except (OSError, ValueError) as error:  # pixels are decoded here, not when the file is opened
+        raise InputError(path, f"part {name!r}: its texture cannot be read: {error}", "export it anew") from error
     levels = np.rint(255.0 * table).astype(np.uint8)
     return np.stack([levels[channel][texels[:, :, channel]] for channel in range(3)], axis=2), is_double_sided
 

@@ -77,8 +77,7 @@ def simulated_frames(simulator: Simulator, trajectory: Trajectory, effects: Effe
             seen = _checked(simulator.see(T_world_camera, with_colors=with_colors), simulator, with_colors)
             colors, depth, extras = seen.colors if with_colors else None, seen.depth, dict(seen.extras)
             if effects.blur and with_colors:
-                others = (simulator.see(T) for T in exposure_poses(trajectory, index))
-                colors = blurred([_checked(other, simulator, True).colors for other in others])
+                colors = blurred([_colors(simulator, T) for T in exposure_poses(trajectory, index)])
             if effects.spoils_depth:
                 extras[EXACT_DEPTH] = depth
                 depth = effects.depth(depth, index, _seconds(trajectory, index))
@@ -96,6 +95,12 @@ def _seconds(trajectory: Trajectory, index: int) -> float:
     """Since the first pose; poses without stamps count as a tenth of a second."""
     stamps = trajectory.stamps_ns
     return 0.1 * index if stamps is None else float(stamps[index] - stamps[0]) * 1e-9
+
+
+def _colors(simulator: Simulator, T_world_camera: NDArray[np.float64]) -> NDArray[np.uint8]:
+    seen = _checked(simulator.see(T_world_camera), simulator, True)
+    assert seen.colors is not None
+    return seen.colors
 
 
 def _checked(seen: Seen, simulator: Simulator, with_colors: bool) -> Seen:

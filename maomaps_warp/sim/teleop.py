@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -33,6 +35,7 @@ class Teleop:
         camera_height: metres above the floor.
         start: (2,) metres, free.
         yaw: where it looks first, radians.
+        now: seconds of a clock that keys are timed by.
     """
 
     def __init__(
@@ -42,31 +45,35 @@ class Teleop:
         camera_height: float,
         start: NDArray[np.float64],
         yaw: float = 0.0,
+        now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.place = np.array(start, dtype=np.float64)
         self.yaw = yaw
         self.speed = self.turn_rate = 0.0
         self._space, self._driving, self._camera_height = space, driving, camera_height
         self._heard: dict[Key, float] = {}
-        self._now = 0.0
+        self._fresh: set[Key] = set()
+        self._now = now
 
     def press(self, key: Key) -> None:
         """A key went down, or is still down; "stop" forgets all others."""
         if key == "stop":
             self._heard.clear()
+            self._fresh.clear()
         else:
-            self._heard[key] = self._now
+            self._heard[key] = self._now()
+            self._fresh.add(key)
 
     def step(self) -> None:
         """Go on by one step of 1 / rate seconds."""
         seconds = 1.0 / self._driving.rate_hz
-        self._now += seconds
         wanted = self._driving.speed * (self._holds("forward") - self._holds("back"))
         turning = self._driving.turn_rate * (self._holds("left") - self._holds("right"))
         self.speed = _towards(self.speed, wanted, _ACCELERATION * seconds)
         self.turn_rate = _towards(self.turn_rate, turning, _TURN_ACCELERATION * seconds)
         self.yaw += self.turn_rate * seconds
         ahead = self.speed * seconds * np.array([np.cos(self.yaw), np.sin(self.yaw)])
+        self._fresh.clear()
         self._go(ahead)
 
     @property
@@ -76,7 +83,8 @@ class Teleop:
         return np.asarray(looking(position[None], np.array([self.yaw]), np.array([self._driving.pitch]))[0])
 
     def _holds(self, key: Key) -> bool:
-        return key in self._heard and self._now - self._heard[key] <= HOLD_S
+        # However long a step is, a key that was pressed since the last one counts for one.
+        return key in self._fresh or self._now() - self._heard.get(key, -np.inf) <= HOLD_S
 
     def _go(self, way: NDArray[np.float64]) -> None:
         steps = int(np.ceil(np.linalg.norm(way) / _STEP_M))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +46,17 @@ class World:
         """Lowest and highest corner of the triangles' box, (2, 3), metres."""
         corners = self.vertices[self.triangles.reshape(-1)]
         return np.stack([corners.min(axis=0), corners.max(axis=0)]).astype(np.float64)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that can be seen of it, whatever files it came from."""
+        digest = hashlib.sha256(f"{self.parts} {self.grain!r}".encode())
+        arrays = [self.vertices, self.triangles, self.face_texture, self.corner_uv, self.corner_colors]
+        for array in (*arrays, self.is_double_sided, self.face_part, *self.textures):
+            if array is not None:
+                digest.update(f"{array.dtype} {array.shape}".encode())
+                digest.update(array.tobytes())
+        return digest.hexdigest()
 
 
 def plain_world(

@@ -13,12 +13,14 @@ from maomaps_warp.io.bags.reading import recognise_bag
 from maomaps_warp.io.file_sets import write_file_set
 from maomaps_warp.io.outputs import check_writable
 
-__all__ = ["BagKind", "Entry", "MessageMaker", "bag_kind", "check_new_bag", "write_bag"]
+__all__ = ["SUFFIXES", "BagKind", "Entry", "MessageMaker", "bag_kind", "check_new_bag", "write_bag"]
 
 #: A message to be written: topic, time in ns, the message, as a MessageMaker of the bag's kind makes it.
 Entry = tuple[str, int, Any]
 
-_KINDS: dict[str, BagKind] = {".bag": "ros1", ".mcap": "mcap", "": "ros2"}
+#: Of the path of each kind of bag.
+SUFFIXES: dict[BagKind, str] = {"ros1": ".bag", "mcap": ".mcap", "ros2": ""}
+_KINDS: dict[str, BagKind] = {suffix: kind for kind, suffix in SUFFIXES.items()}
 
 
 def bag_kind(path: Path) -> BagKind:
