@@ -121,9 +121,11 @@ def progress_clock(out: Console | None = None) -> Iterator[Stopwatch]:
             bars.update(tasks[stage], completed=done, total=total)
 
         def say_above(text: str) -> None:
-            bars.stop()
-            say(text)
-            bars.start()
+            # Where both streams are one screen, only the bars' own console can print above them.
+            if out is not None and out.is_terminal:
+                bars.print(text, soft_wrap=True, highlight=False, markup=False, emoji=False)
+            else:
+                say(text)
 
         yield Stopwatch(show, say_above)
 
