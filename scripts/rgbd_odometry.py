@@ -29,6 +29,8 @@ from maomaps_warp.sim.effects import Effects
 
 #: A new keyframe after so many metres or radians, or when less of the image than this share was tracked.
 _KEYFRAME_M, _KEYFRAME_RAD, _KEYFRAME_FITNESS = 0.15, 0.12, 0.6
+#: Greatest motion from one frame to the next that is believed, metres and radians.
+_LEAP_M, _LEAP_RAD = 0.3, 0.35
 #: Depth that is used, metres; edge of a voxel of the map and truncation of its distances in voxels.
 _FARTHEST_M, _MAP_VOXEL_M, _TRUNCATION_VOXELS = 6.0, 0.025, 4.0
 #: Room for blocks of 16^3 voxels at the beginning; and how often a voxel must be seen.
@@ -69,27 +71,39 @@ def run_odometry(source: mw.Source, effects: Effects, method: str) -> Estimate:
         if key_frame is not None:
             guess = np.linalg.inv(key_pose) @ pose @ motion
             found = _track(o3d, now, key_frame, K, guess, method)
-            if found is None:
+            if found is None or _leaps(np.linalg.inv(pose) @ key_pose @ found[0]):
+                # No pose and nothing for the map; from here on as if the camera had stood still.
                 lost += 1
-                key_pose, key_frame = pose @ motion, now
-                pose = key_pose
-            else:
-                T_key_now, fitness = found
-                motion, pose = np.linalg.inv(pose) @ key_pose @ T_key_now, key_pose @ T_key_now
-                turn = np.arccos(np.clip((np.trace(T_key_now[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
-                is_far = np.linalg.norm(T_key_now[:3, 3]) > _KEYFRAME_M or turn > _KEYFRAME_RAD
-                if is_far or fitness < _KEYFRAME_FITNESS:
-                    key_pose, key_frame = pose, now
+                key_pose, key_frame, motion = pose, now, np.eye(4)
+                continue
+            T_key_now, fitness = found
+            motion, pose = np.linalg.inv(pose) @ key_pose @ T_key_now, key_pose @ T_key_now
+            moved, turned = _size(T_key_now)
+            if moved > _KEYFRAME_M or turned > _KEYFRAME_RAD or fitness < _KEYFRAME_FITNESS:
+                key_pose, key_frame = pose, now
         else:
             key_frame = now
         stamps.append(frame.stamp_ns)
         poses.append(pose)
         extrinsic = o3d.core.Tensor(np.linalg.inv(pose))
         limits = (1.0, _FARTHEST_M, _TRUNCATION_VOXELS)
-        blocks = volume.compute_unique_block_coordinates(image, K, extrinsic, *limits)
-        volume.integrate(blocks, image, K, extrinsic, *limits)
+        if ((depth > 0.0) & (depth < _FARTHEST_M)).any():
+            blocks = volume.compute_unique_block_coordinates(image, K, extrinsic, *limits)
+            volume.integrate(blocks, image, K, extrinsic, *limits)
     cloud = volume.extract_point_cloud(_SEEN).point.positions.numpy()
     return Estimate(mw.Trajectory(np.stack(poses), np.array(stamps, dtype=np.int64), "Open3D odometry"), cloud, lost)
+
+
+def _size(T: np.ndarray) -> tuple[float, float]:
+    """Metres and radians of a motion."""
+    turn = np.arccos(np.clip((np.trace(T[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
+    return float(np.linalg.norm(T[:3, 3])), float(turn)
+
+
+def _leaps(motion: np.ndarray) -> bool:
+    """Whether no robot moves so from one frame to the next."""
+    moved, turned = _size(motion)
+    return moved > _LEAP_M or turned > _LEAP_RAD
 
 
 def _track(o3d: Any, now: Any, key: Any, K: Any, guess: np.ndarray, method: str) -> tuple[np.ndarray, float] | None:
@@ -134,10 +148,11 @@ def main() -> int:
     for depth in asked.depth:
         asked_for = [row for row in rows if row["depth"] == depth]
         scored = [row for row in asked_for if "why_not" not in row]
-        if scored:
-            means = {key: float(np.mean([row[key] for row in scored])) for key in _FIGURES}
-            name = f"mean of {len(scored)} of {len(asked_for)}"
-            print(_line({"bag": name, "depth": depth, "lost": sum(row["lost"] for row in scored), **means}))
+        for name, middle in (("mean", np.mean), ("median", np.median)):
+            if scored:
+                figures = {key: float(middle([row[key] for row in scored])) for key in _FIGURES}
+                title = f"{name} of {len(scored)} of {len(asked_for)}"
+                print(_line({"bag": title, "depth": depth, "lost": sum(row["lost"] for row in scored), **figures}))
     return 0
 
 
