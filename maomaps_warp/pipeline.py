@@ -223,6 +223,13 @@ def _summary(source: Source, side: SideMap | None) -> InputSummary:
 
 def _notes(gt: Source, est: Source, alignment: Alignment | None) -> tuple[str, ...]:
     notes = []
+    for source, option in ((gt, "--gt-pose-frame"), (est, "--est-pose-frame")):
+        way = source.trajectory
+        if source.frames is not None and source.one_clock and way is not None and way.is_assumed:
+            notes.append(
+                f"poses of {way.source} read as {_meaning(way)}: nobody declares it; `check` proves what they mean, "
+                f"{option} says it"
+            )
     cloud, trajectory = est.cloud, est.trajectory
     if gt.trajectory and trajectory and gt.trajectory.pose_frame != trajectory.pose_frame:
         notes.append(

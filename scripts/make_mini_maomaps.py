@@ -3,7 +3,7 @@
     python scripts/make_mini_maomaps.py SCENES -o mini_maomaps
 
 SCENES holds the folders scene_aws_small_house, scene_habitat_simple_room, scene_living_room and scene_pal_home; a scene
-that is missing is an error. It takes about an hour on two cores and 13 GB; interrupted, the same command goes on.
+that is missing is an error. It takes about 50 minutes on two cores and 5.4 GB; interrupted, the same command goes on.
 Options after `--` are passed on to `maomaps-warp create-dataset` (`-- --samples 8 --antialias 1`).
 """
 

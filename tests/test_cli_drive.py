@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -141,7 +142,7 @@ def test_ctrl_c_while_driving_keeps_the_run(tmp_path: Path) -> None:
     os.close(slave)
     _read_until(master, "○ waiting", running)
     os.write(master, b"r")
-    _read_until(master, r"● recording +[1-9]\.\d s", running)
+    _read_until(master, r"● recording +([1-9]|\d\d+)\.\d s", running)
     os.kill(running.pid, signal.SIGINT)
     text = _read_until(master, "wrote", running)
     assert running.wait(PATIENCE_S) == 0, text
@@ -161,13 +162,12 @@ def test_driving_in_a_terminal_makes_a_bag(tmp_path: Path) -> None:
         [*command, "--camera", "32x24@90", "--device", "cpu"], stdin=slave, stdout=slave, stderr=slave, env=environment
     )
     os.close(slave)
-    text = _read_until(master, "○ waiting", running)
+    _read_until(master, "○ waiting", running)
     os.write(master, b"r")
     _read_until(master, "● recording", running)
-    for _ in range(5):
-        os.write(master, b"w\x1b[D")
-        time.sleep(0.1)
-    text = _read_until(master, r"[1-9]\.\d s", running)
+    # However slow the machine is: until it drives, and a second is over.
+    _read_until(master, r"\+0\.[1-9]\d m/s", running, keys=b"w\x1b[D")
+    _read_until(master, r"([1-9]|\d\d+)\.\d s", running, keys=b"w\x1b[D")
     os.write(master, b"r")
     text = _read_until(master, "wrote", running)
     assert running.wait(PATIENCE_S) == 0, text
@@ -180,11 +180,17 @@ def test_driving_in_a_terminal_makes_a_bag(tmp_path: Path) -> None:
     assert yaw[1] - yaw[0] > 0.05, "an arrow to the left turns left"
 
 
-def _read_until(terminal: int, words: str, running: subprocess.Popen[bytes]) -> str:
-    """What the command shows, until it matches."""
+def _read_until(terminal: int, words: str, running: subprocess.Popen[bytes], keys: bytes = b"") -> str:
+    """What the command shows, until it matches; `keys` are typed meanwhile. A command that hangs is killed."""
     text, end = "", time.monotonic() + PATIENCE_S
     while not re.search(words, re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text[-4000:])):
-        assert time.monotonic() < end, text[-2000:]
+        if time.monotonic() > end:
+            running.kill()
+            raise AssertionError(text[-2000:])
+        if keys:
+            os.write(terminal, keys)
+        if not select.select([terminal], [], [], 0.1)[0]:
+            continue
         try:
             text += os.read(terminal, 65536).decode("utf-8", "replace")
         except OSError:
@@ -203,7 +209,12 @@ def _read_until(terminal: int, words: str, running: subprocess.Popen[bytes]) -> 
         (("--drive", "browser", "--port", "99999"), "99999"),
     ],
 )
-def test_a_drive_that_cannot_begin_is_one_line(tmp_path: Path, options: tuple[str, ...], words: str) -> None:
+def test_a_drive_that_cannot_begin_is_one_line(
+    tmp_path: Path, options: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What is not refused would wait for somebody to drive.
+    for where in ("browser", "terminal"):
+        monkeypatch.setattr(f"maomaps_warp.cli.drive_{where}.drive_in_{where}", lambda drive, *_: drive.leave())
     done = CliRunner().invoke(app, ["record", "flat:1", "-o", str(tmp_path / "run.bag"), "--device", "cpu", *options])
     assert done.exit_code == 2 and words in done.stderr and len(done.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
@@ -234,5 +245,61 @@ def test_the_page_shows_the_drive_and_obeys_its_buttons_and_keys() -> None:
         drive._now.seconds += 1.0
         view.commands["R"]()
         assert drive.state == "done" and drive.trajectory.path_length > 0.1
+    finally:
+        view.close()
+
+
+def test_a_drive_is_kept_when_its_recording_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from maomaps_warp.io.trajectories import read_trajectory
+    from maomaps_warp.jobs import record as record_job
+
+    def drive_a_bit(drive: Drive) -> None:
+        drive.toggle()
+        for _ in range(12):
+            drive.press("forward")
+            drive.step()
+        drive.leave()
+
+    def fail(*_: object, **__: object) -> None:
+        raise InputError("run.bag", "the disk is full")
+
+    monkeypatch.setattr("maomaps_warp.cli.drive_terminal.picture_size", lambda aspect: (32, 24))
+    monkeypatch.setattr("maomaps_warp.cli.drive_terminal.drive_in_terminal", drive_a_bit)
+    monkeypatch.setattr(record_job, "record_world", fail)
+    command = ["record", "flat:1", "-o", str(tmp_path / "run.bag"), "--drive", "terminal", "--device", "cpu"]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 2 and "the disk is full" in done.stderr
+    kept = re.search(r"kept   (.*drive\.txt): the whole drive, for --trajectory", done.stdout)
+    assert kept is not None, done.output
+    assert len(read_trajectory(Path(kept[1]))) == 12
+
+
+def test_the_page_is_for_this_machine_alone_and_its_buttons_work() -> None:
+    pytest.importorskip("viser")
+    from maomaps_warp.cli.drive_browser import BrowserView
+
+    drive = a_drive()
+    view = BrowserView(drive, 0)
+    try:
+        assert view.server.get_host() == "127.0.0.1"
+        glance = drive.step(with_map=True)
+        view.show(glance)
+        np.testing.assert_array_equal(view.picture.image, glance.seen.colors)
+        assert glance.map is not None
+        assert set(view.commands) == {
+            "W",
+            "A",
+            "S",
+            "D",
+            "R",
+            "arrowup",
+            "arrowdown",
+            "arrowleft",
+            "arrowright",
+            "space",
+        }
+        view.commands["arrowdown"]()
+        drive.step()
+        assert drive.robot.speed < 0.0
     finally:
         view.close()

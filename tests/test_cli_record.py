@@ -125,6 +125,15 @@ def test_a_recording_is_proved_by_check_and_mapped(tmp_path: Path) -> None:
         (("--speed", "inf"), "must be positive"),
         (("--robot-height", "inf"), "camera_height <= height"),
         (("--radius", "inf"), "needs a radius"),
+        (("--radius", "1e-9"), "needs a radius of at least 0.02 m"),
+        (("--rate", "nan"), "must be positive"),
+        (("--turn-rate", "nan"), "must be positive"),
+        (("--floor", "nan"), "--floor nan: must be a number"),
+        (("--floor", "50"), "no floor lies at 50 m"),
+        (("--camera", "100000x100000@90"), "at most 1e8"),
+        (("--effect", "fog"), "'fog' is no effect"),
+        (("--effect", "kinect", "--effect", "cnn"), "both about depth"),
+        (("--trajectory", "t.txt", "--duration", "5"), "given beside --duration"),
     ],
 )
 def test_what_cannot_be_recorded_is_one_line_and_leaves_nothing(
@@ -169,4 +178,41 @@ def test_ctrl_c_leaves_a_readable_bag_of_what_was_recorded(tmp_path: Path) -> No
     assert running.returncode == 130, errors
     _, frames = read(tmp_path / "run.bag")
     assert f"stopped after {len(frames)} of " in output and len(frames) > 2
+    assert [file.name for file in tmp_path.iterdir()] == ["run.bag"]
+
+
+def test_waypoints_are_reached_however_long_that_takes(tmp_path: Path) -> None:
+    goal = furnished_flat(0).tour[8]
+    waypoint = ("--waypoint", f"{goal[0]:.3f},{goal[1]:.3f}", "--speed", "0.04", "--rate", "0.5")
+    done = record("flat:0", tmp_path / "run.bag", *waypoint)
+    assert done.exit_code == 0, done.output
+    trajectory, _ = read(tmp_path / "run.bag")
+    assert trajectory.duration_s is not None and trajectory.duration_s > 60.0
+    np.testing.assert_allclose(trajectory.positions[-1, :2], goal, rtol=0, atol=0.15)
+
+
+def test_pitch_and_turn_rate_are_in_degrees(tmp_path: Path) -> None:
+    options = ("--pitch", "-20", "--turn-rate", "15", "--duration", "15", "--rate", "10")
+    assert record("flat:1", tmp_path / "run.bag", *options).exit_code == 0
+    trajectory, _ = read(tmp_path / "run.bag")
+    axes = trajectory.T_world_camera[:, :3, 2]
+    np.testing.assert_allclose(axes[:, 2], np.sin(np.radians(-20.0)), rtol=0, atol=1e-9)
+    yaw = np.unwrap(np.arctan2(axes[:, 1], axes[:, 0]))
+    fastest = np.degrees(np.abs(np.diff(yaw)).max() / 0.1)
+    assert 10.0 < fastest < 15.1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_terminated_recording_leaves_a_readable_bag_too(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "maomaps_warp", "record", "flat", "-o", str(tmp_path / "run.bag"), *SMALL]
+    running = subprocess.Popen([*command, "--duration", "2000", "--antialias", "4"], stdout=subprocess.PIPE, text=True)
+    started = time.monotonic()
+    while not any(file.stat().st_size > 100_000 for file in tmp_path.glob(".*/run.bag")):
+        assert running.poll() is None and time.monotonic() - started < 120.0
+        time.sleep(0.02)
+    running.send_signal(signal.SIGTERM)
+    running.communicate(timeout=60)
+    assert running.returncode == 130
+    trajectory, frames = read(tmp_path / "run.bag")
+    assert len(frames) == len(trajectory) > 2
     assert [file.name for file in tmp_path.iterdir()] == ["run.bag"]

@@ -101,3 +101,48 @@ def test_the_map_of_a_run_is_the_scene_that_it_saw(tmp_path: Path, name: str) ->
             assert tuple(found_colors[cell]) == tuple(colors[2 * sides.copy().pop()]), cell
             checked += 1
     assert checked > 0.8 * len(seen)
+
+
+def test_a_shaken_noisy_run_has_exact_poses_depth_normals_and_parts(tmp_path: Path) -> None:
+    from rosbags.rosbag1 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    triangles, _ = room(tmp_path / "room.ply")
+    command = ["record", str(tmp_path / "room.ply"), "--duration", "4", "--rate", "2", "--camera", "64x48@90"]
+    command += ["--antialias", "1", "--device", "cpu", "-o"]
+    effects = ["--effect", "kinect", "--effect", "shake", "--effect", "blur", "--also", "normals", "--also", "parts"]
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "plain.bag")])
+    assert done.exit_code == 0, done.output
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "run.bag"), *effects])
+    assert done.exit_code == 0 and "0.0 % of the pixels see nothing" in done.stdout, done.output
+
+    reading = SourceOptions(pose_frame="maomaps-c", topics=("/true_depth/image",))
+    source = open_source(tmp_path / "run.bag", reading, "gt")
+    plain = open_source(tmp_path / "plain.bag", SourceOptions(pose_frame="maomaps-c"), "gt")
+    assert source.trajectory is not None and source.frames is not None and plain.trajectory is not None
+    moved = np.linalg.norm(source.trajectory.positions - plain.trajectory.positions, axis=1)
+    assert 1e-4 < moved.max() < 0.02, "the robot trembles"
+    store, images = get_typestore(Stores.ROS1_NOETIC), {"/habitat/normals/image": [], "/habitat/semantic/image": []}
+    noisy = []
+    with Reader(tmp_path / "run.bag") as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic in images:
+                images[connection.topic].append(store.deserialize_ros1(data, connection.msgtype).data)
+            if connection.topic == "/habitat/depth/image":
+                noisy.append(store.deserialize_ros1(data, connection.msgtype).data.view(np.float32))
+            if connection.topic == "/habitat/semantic/parts":
+                assert store.deserialize_ros1(data, connection.msgtype).data.startswith("[")
+    v, u = np.indices((48, 64)).reshape(2, -1)
+    rays = np.stack([(u - 31.5) / 32.0, (v - 23.5) / 32.0, np.ones(u.size)], axis=1)
+    normal_of = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal_of /= np.linalg.norm(normal_of, axis=1, keepdims=True)
+    for index, (T, frame) in enumerate(zip(source.trajectory.T_world_camera, source.frames.read(True), strict=True)):
+        points, which = first_hits(triangles, T[:3, 3], rays @ T[:3, :3].T)
+        depth = (points - T[:3, 3]) @ T[:3, 2]
+        is_same = np.abs(frame.depth.reshape(-1) - depth) < 1e-4
+        assert is_same.mean() > 0.999
+        normals = images["/habitat/normals/image"][index].view(np.float32).reshape(-1, 3)
+        np.testing.assert_allclose(normals[is_same], (normal_of[which] @ T[:3, :3])[is_same], rtol=0, atol=1e-5)
+        assert not images["/habitat/semantic/image"][index].view(np.int32).any(), "a PLY is one part"
+        seen = noisy[index] > 0
+        assert 0.001 < np.abs(noisy[index][seen] - depth[seen]).mean() < 0.2

@@ -158,7 +158,7 @@ def test_a_missing_texture_is_noted(tmp_path: Path) -> None:
     ("name", "content", "words"),
     [
         ("room.stl", b"solid", "is no scene"),
-        ("room.glb", b"", "cannot be read as a scene"),
+        ("room.glb", b"", "is empty"),
         ("room.glb", b"glTF\x02\0\0\0 damaged", "cannot be read as a scene"),
         ("room.obj", b"v 0 0 0\nv 1 0 0\n", "holds no triangles|cannot be read as a scene"),
         ("room.ply", b"ply\nformat ascii 1.0\nend_header\n", "holds no triangles|cannot be read as a scene"),
@@ -184,3 +184,27 @@ def test_what_is_not_finite_is_named(tmp_path: Path) -> None:
 def test_a_missing_file_is_said_before_trimesh_is_loaded(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         read_world(tmp_path / "nowhere.glb")
+
+
+def test_a_triangle_without_its_vertices_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "room.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n5 0 0\n0 5 0\n0 0 2.5\n3 0 1 2\n3 0 1 999\n"
+    )
+    with pytest.raises(InputError, match=r"999, but there are 4|cannot be read as a scene"):
+        read_world(tmp_path / "room.ply")
+
+
+def test_a_scene_far_from_its_origin_is_refused(tmp_path: Path) -> None:
+    room = trimesh.creation.box((5.0, 4.0, 2.5))
+    room.apply_translation((487123.3, 5432123.7, 0.0))
+    room.export(tmp_path / "room.ply", vertex_normal=False)
+    with pytest.raises(InputError, match="from its origin .*move it to the origin first"):
+        read_world(tmp_path / "room.ply")
+
+
+def test_a_folder_is_no_scene(tmp_path: Path) -> None:
+    (tmp_path / "room.glb").mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        read_world(tmp_path / "room.glb")

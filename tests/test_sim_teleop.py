@@ -106,3 +106,37 @@ def test_keys_are_timed_by_the_clock_and_not_by_the_robots_steps() -> None:
     step(slow, 1.0)  # a view that takes a second a frame
     step(slow, 1.0)
     assert slow.speed == 0.0
+
+
+def test_it_slides_along_a_slanted_wall_and_stands_before_one_that_it_meets_head_on() -> None:
+    free = np.ones((121, 121), dtype=bool)
+    x, y = np.indices(free.shape) * 0.05
+    free[y < 1.0 + 0.105 * x] = False  # 6 degrees
+    space = FreeSpace(np.zeros(2), 0.05, free, 0.0)
+    slanted = Teleop(space, DRIVING, 1.0, np.array([1.0, 1.3]), -np.radians(15.0), now=Clock())
+    hold(slanted, "forward", 12.0)
+    assert slanted.place[0] > 4.0 and slanted.place[1] > 1.4 and space.holds(slanted.place[None])[0]
+    head_on = robot(1.0, 1.0, yaw=-np.pi / 2)
+    hold(head_on, "forward", 4.0)
+    assert head_on.speed == 0.0 and abs(head_on.place[0] - 1.0) < 0.05
+
+
+def test_left_and_right_are_mirror_images_and_stop_stops_turning_too() -> None:
+    left, right = robot(), robot()
+    hold(left, "left", 0.5)
+    hold(right, "right", 0.5)
+    assert left.yaw == -right.yaw > 0.05
+    left.press("stop")
+    for _ in range(5):
+        step(left)
+    assert left.turn_rate == 0.0
+
+
+def test_a_key_is_held_for_six_tenths_of_a_second() -> None:
+    for seconds, is_held in ((0.55, True), (0.65, False)):
+        teleop = robot()
+        teleop.press("forward")
+        step(teleop, 0.01)
+        before = teleop.speed
+        step(teleop, seconds - 0.01)
+        assert (teleop.speed > before) == is_held

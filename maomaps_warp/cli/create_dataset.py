@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from maomaps_warp.cli.options import CameraText, Debug, Device, camera_of
+from maomaps_warp.cli.options import CameraText, Debug, Device
 from maomaps_warp.cli.robot_options import (
     Also,
     Antialias,
@@ -80,7 +79,6 @@ def create_dataset(
 
     with user_errors(debug):
         check_device_name(device)
-        lens = camera_of(camera)
         robot = robot_options(
             antialias=antialias,
             light=light,
@@ -94,12 +92,13 @@ def create_dataset(
             robot_height=robot_height,
             camera_height=camera_height,
             pitch=pitch,
+            camera=camera,
             seed=seed,
         )
         try:
             options = job.DatasetOptions(
                 scenes=tuple(_scene(text) for text in scenes),
-                robot=robot if lens is None else replace(robot, camera=lens),
+                robot=robot,
                 samples=samples,
                 iou=_range(f"--iou {iou}", iou),
                 kind=iou_of,

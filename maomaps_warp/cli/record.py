@@ -11,7 +11,7 @@ import typer
 
 from maomaps_warp.cli import EXIT_INTERRUPTED
 from maomaps_warp.cli.drive import Where, drive_by_hand, kept_drive
-from maomaps_warp.cli.options import CameraText, Debug, Device, PoseFrame, camera_of
+from maomaps_warp.cli.options import CameraText, Debug, Device, PoseFrame
 from maomaps_warp.cli.robot_options import (
     Also,
     Antialias,
@@ -29,13 +29,18 @@ from maomaps_warp.cli.robot_options import (
 )
 from maomaps_warp.errors import InputError
 
+#: Share of pixels that see nothing from which on there is a note.
+_MOSTLY_EMPTY = 0.5
+
 
 def record(
     scene: Annotated[str, typer.Argument(help="A .glb, .gltf, .ply or .obj; or flat, flat:SEED: a furnished flat.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="BAG", help="NAME.bag (ROS 1), NAME.mcap or NAME (ROS 2).")
     ],
-    duration: Annotated[float | None, typer.Option(metavar="S", help="How long, at most.", show_default="60")] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="At most; an exploration takes 60, waypoints what they need.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the exploration.")] = 0,
     start: Annotated[str | None, typer.Option(metavar="X,Y", help="Where to start, metres.")] = None,
     waypoint: Annotated[
@@ -82,7 +87,6 @@ def record(
     with user_errors(debug):
         check_device_name(device)
         _check_alone(trajectory, start, waypoint, drive, duration)
-        lens = camera_of(camera)
         places = tuple(_place("--waypoint", text) for text in waypoint or ())
         options = replace(
             robot_options(
@@ -98,19 +102,18 @@ def record(
                 robot_height=robot_height,
                 camera_height=camera_height,
                 pitch=pitch,
+                camera=camera,
                 seed=seed,
             ),
-            duration=60.0 if duration is None else _positive("--duration", duration),
+            duration=None if duration is None else _positive("--duration", duration),
             start=None if start is None else _place("--start", start),
             waypoints=places,
             trajectory=trajectory,
             pose_frame=pose_frame,
-            floor_z=floor,
+            floor_z=_finite("--floor", floor),
             scene=job.SceneOptions(up, unit, tuple(drop or ())),
             overwrite=overwrite,
         )
-        if lens is not None:
-            options = replace(options, camera=lens)
         quiet_warp()
         from maomaps_warp.mapping.device import resolve_device
 
@@ -150,6 +153,8 @@ def record(
         way = run.trajectory
         length = f"{len(way)} frames, {way.path_length:.2f} m, {way.duration_s or 0.0:.1f} s"
         tell(f"run    {length}; {100.0 * run.empty:.1f} % of the pixels see nothing")
+        if run.empty > _MOSTLY_EMPTY:
+            tell("note   the scene is open there, or its faces are seen from behind: see --back-faces, --floor, --up")
         tell(f"wrote  {output}")
         if run.is_stopped:
             tell(f"stopped after {len(way)} of {run.planned} frames")
@@ -164,6 +169,12 @@ def _place(option: str, text: str) -> tuple[float, float]:
     if not (math.isfinite(x) and math.isfinite(y)):
         raise InputError(f"{option} {text}", "is no place", "give X,Y in metres, as in 1.5,-2")
     return x, y
+
+
+def _finite(option: str, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise InputError(f"{option} {value:g}", "must be a number")
+    return value
 
 
 def _positive(option: str, value: float) -> float:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from maomaps_warp.cli.options import camera_of
 from maomaps_warp.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,20 +36,30 @@ CameraHeight = Annotated[float, typer.Option(metavar="M", help="Of the camera.")
 Pitch = Annotated[float, typer.Option(metavar="DEG", help="Of the camera, upwards.")]
 
 
+#: Of an image: what memory holds.
+_MOST_PIXELS = 10**8
+
+
 def robot_options(**given: Any) -> RecordOptions:
-    """What a robot is, how it drives, and what its camera sees, of the options above by their names, and `seed`.
+    """What a robot is, how it drives, and what its camera sees.
+
+    Args:
+        given: the options above by their names, `camera` and `seed`.
 
     Raises:
         InputError: naming what is out of range.
     """
     from maomaps_warp.jobs import record as job
 
+    lens = camera_of(given["camera"])
+    if lens is not None and lens.width * lens.height > _MOST_PIXELS:
+        raise InputError(f"--camera {given['camera']}", f"has {lens.width * lens.height:.3g} pixels", "at most 1e8")
     also = given["also"] or ()
     for name in also:
         if name not in ("normals", "parts"):
             raise InputError(f"--also {name}", "no such images", "normals, or parts")
     try:
-        return job.RecordOptions(
+        options = job.RecordOptions(
             robot=job.Robot(given["radius"], given["robot_height"], given["camera_height"]),
             driving=job.Driving(
                 given["speed"], math.radians(given["turn_rate"]), given["rate"], math.radians(given["pitch"])
@@ -64,3 +76,4 @@ def robot_options(**given: Any) -> RecordOptions:
         )
     except ValueError as error:
         raise InputError("the robot's options", str(error), "see --help") from None
+    return options if lens is None else replace(options, camera=lens)

@@ -29,11 +29,11 @@ from maomaps_warp.sim.simulator import EXACT_DEPTH
 from maomaps_warp.sim.world import World
 from maomaps_warp.stopwatch import Stopwatch
 
-__all__ = ["DatasetOptions", "DatasetSample", "SceneEntry", "create_dataset"]
+__all__ = ["VOXEL_SIZE", "DatasetOptions", "DatasetSample", "SceneEntry", "create_dataset", "wanted_overlap"]
 
 #: What became of a sample, in its folder.
 FACTS = "sample.json"
-_NEEDED = ("scene", "scene_notes", "iou")
+_NEEDED = ("scene", "scene_notes", "iou", "files")
 #: Of all maps, metres.
 VOXEL_SIZE = MAP_PRESETS["maomaps"].voxel_size
 _RUNS = ("first", "second")
@@ -107,13 +107,22 @@ def create_dataset(
             name = f"sample{number}"
             facts = folder / name / FACTS
             if was_there := facts.exists():
-                known = read_facts(facts, f"remove {folder / name}: it is made anew", _NEEDED)
+                known = _known(folder / name)
             else:
                 known = _make(folder, name, number, options, device, clock)
             made.append(DatasetSample(name, known, was_there))
             tell(made[-1])
         progress(options.samples, options.samples)
     return tuple(made)
+
+
+def _known(sample: Path) -> dict[str, Any]:
+    """The facts of a sample that is whole."""
+    remedy = f"remove {sample}: it is made anew"
+    facts = read_facts(sample / FACTS, remedy, _NEEDED)
+    if missing := [file for file in facts["files"] if not (sample / file).exists()]:
+        raise InputError(sample, f"lacks {', '.join(missing)}", remedy)
+    return facts
 
 
 def _make(
@@ -146,8 +155,7 @@ def _record_pair(
     robot = options.robot
     rules = MAP_PRESETS["maomaps"]
     low, high = options.iou
-    share = float(np.random.default_rng([options.seed]).random()) + number / _GOLDEN
-    wanted = low + (high - low) * (share % 1.0)
+    wanted = wanted_overlap(options, number)
     with clock.stage("read scene"):
         world, space = _open_site(scene, options, device)
     search = PairSearch(
@@ -180,6 +188,13 @@ def _record_pair(
         f"no two of {len(search.runs)} runs overlap by {asked} ({options.kind}); the nearest: {seen}",
         "a larger range, or other durations: short runs overlap less",
     )
+
+
+def wanted_overlap(options: DatasetOptions, number: int) -> float:
+    """The overlap that sample `number`, from 1, aims at."""
+    low, high = options.iou
+    share = float(np.random.default_rng([options.seed]).random()) + number / _GOLDEN
+    return low + (high - low) * (share % 1.0)
 
 
 def _open_site(scene: SceneEntry, options: DatasetOptions, device: str) -> tuple[World, FreeSpace]:
@@ -259,5 +274,6 @@ def _facts(
         "scene_notes": list(world.notes),
         "iou": iou | {"asked_for": list(options.iou), "of": options.kind, "aimed_at": wanted, "tries": tried},
         "runs": runs,
+        "files": sorted({*(file.name for file in recorded.made.files), *(f"{run}{options.suffix}" for run in _RUNS)}),
         "notes": {run: list(notes) for run, notes in recorded.made.notes.items()},
     }

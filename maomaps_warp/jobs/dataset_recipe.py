@@ -79,7 +79,8 @@ class DatasetOptions:
         if not self.scenes or self.samples < 1:
             raise ValueError("a dataset needs a scene and a sample")
         if not 0.0 <= self.iou[0] < self.iou[1] <= 1.0:
-            raise ValueError(f"the overlap must be a range within 0 and 1, got {self.iou}")
+            low, high = self.iou
+            raise ValueError(f"the overlap must be a range within 0 and 1, lower end first, got {low:g}..{high:g}")
         for duration in (self.duration, *(entry.duration for entry in self.scenes if entry.duration)):
             if not 0.0 < duration[0] <= duration[1] < np.inf:
                 raise ValueError(f"the duration must be a range above 0, got {duration}")

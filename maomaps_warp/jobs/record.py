@@ -52,9 +52,13 @@ __all__ = [
     "record_world",
 ]
 
+#: What ends a recording early; a system may lack some.
+_STOPPING_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 #: progress(done, total).
 Progress = Callable[[int, int | None], None]
 
+#: How long an exploration takes if nobody says it, seconds.
+DEFAULT_DURATION_S = 60.0
 #: What names a built-in scene: "flat", or "flat:3" for that of another seed.
 FLAT = "flat"
 
@@ -67,7 +71,7 @@ class RecordOptions:
         camera: of the images.
         robot: its size.
         driving: its speeds; the poses' rate.
-        duration: seconds, at most; an exploration takes so long.
+        duration: seconds, at most; None: of an exploration DEFAULT_DURATION_S, of waypoints what they take.
         seed: of the exploration.
         start: x and y, metres; None: the first of several waypoints, else the free place nearest to the scene's middle.
         waypoints: (x, y), metres: shortest ways from the start to each in turn; none: explore.
@@ -83,7 +87,7 @@ class RecordOptions:
     camera: Camera = field(default_factory=lambda: Camera.from_fov(320, 240, 90.0))
     robot: Robot = field(default_factory=Robot)
     driving: Driving = field(default_factory=Driving)
-    duration: float = 60.0
+    duration: float | None = None
     seed: int = 0
     start: tuple[float, float] | None = None
     waypoints: tuple[tuple[float, float], ...] = ()
@@ -267,22 +271,27 @@ def record_simulator(
 
 @contextmanager
 def _asked_to_stop() -> Iterator[Event]:
-    """Set by the first Ctrl-C, so that the bag is closed; the second interrupts as usual, and nothing is left."""
+    """Set by the first Ctrl-C (or SIGTERM, SIGHUP), so that the bag is closed; the second does what it always does."""
     asked = Event()
     if current_thread() is not main_thread():
         yield asked
         return
-    before = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in _STOPPING_SIGNALS}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         asked.set()
-        signal.signal(signal.SIGINT, before)
+        restore()
 
-    signal.signal(signal.SIGINT, stop)
+    for number in before:
+        signal.signal(number, stop)
     try:
         yield asked
     finally:
-        signal.signal(signal.SIGINT, before)
+        restore()
 
 
 def open_world(scene: str, options: SceneOptions) -> World:
@@ -318,21 +327,22 @@ def _followed(options: RecordOptions) -> Trajectory:
 
 
 def _planned(world: World, space: FreeSpace, options: RecordOptions) -> Trajectory:
-    planner = Planner(space)
+    planner, duration = Planner(space), options.duration
     wanted = [_free_place(space, np.array(place), options.robot) for place in options.places]
     if options.start is None and len(wanted) < 2:
         wanted = [free_start(world, space, options), *wanted]
     if options.waypoints:
         way = planner.along(np.stack(wanted))
     else:
-        way = planner.exploration(wanted[0], options.driving.speed * options.duration, options.seed)
+        duration = duration or DEFAULT_DURATION_S
+        way = planner.exploration(wanted[0], options.driving.speed * duration, options.seed)
     if len(way) < 2:
         raise InputError("--waypoint", "all of them are one place", "give two places, or none to explore")
-    return driven(way, space, options, options.duration)
+    return driven(way, space, options, duration)
 
 
-def driven(way: NDArray[np.float64], space: FreeSpace, options: RecordOptions, duration: float) -> Trajectory:
-    """The camera's poses on a way, (K, 2) metres, cell by cell; for so many seconds at most."""
+def driven(way: NDArray[np.float64], space: FreeSpace, options: RecordOptions, duration: float | None) -> Trajectory:
+    """The camera's poses on a way, (K, 2) metres, cell by cell; for so many seconds at most, None: to its end."""
     height = space.floor_z + options.robot.camera_height
     return drive_along(rounded(way, space), height, options.driving, duration)
 

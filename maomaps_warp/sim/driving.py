@@ -36,8 +36,10 @@ class Driving:
 
     def __post_init__(self) -> None:
         rates = (self.speed, self.turn_rate, self.rate_hz)
-        if not (min(rates) > 0.0 and max(rates) < np.inf and abs(self.pitch) < np.pi / 2):
-            raise ValueError(f"speed, turn rate and rate must be positive, the pitch within 90 degrees: {self}")
+        if not (all(0.0 < rate < np.inf for rate in rates) and abs(self.pitch) < np.pi / 2):
+            found = f"{self.speed:g} m/s, {np.degrees(self.turn_rate):g} deg/s, {self.rate_hz:g} Hz"
+            found += f", {np.degrees(self.pitch):g} deg"
+            raise ValueError(f"speed, turn rate and rate must be positive, the pitch within 90 degrees: {found}")
 
 
 def drive_along(way: NDArray[np.float64], height: float, driving: Driving, duration: float | None = None) -> Trajectory:

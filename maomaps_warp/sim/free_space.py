@@ -19,6 +19,10 @@ _LEVEL = 0.999
 _FLOOR_SHARE, _LEAST_FLOOR_M2 = 0.3, 1.0
 
 
+#: A robot is a stack of balls of its radius: thinner ones would take very many.
+_LEAST_RADIUS_M = 0.02
+
+
 @dataclass(frozen=True)
 class Robot:
     """A robot with a camera; metres.
@@ -36,8 +40,11 @@ class Robot:
     step: float = 0.05
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.radius < np.inf and 0.0 < self.step < self.camera_height <= self.height < np.inf):
-            raise ValueError(f"a robot needs a radius, and 0 < step < camera_height <= height: {self}")
+        if not (
+            _LEAST_RADIUS_M <= self.radius < np.inf and 0.0 < self.step < self.camera_height <= self.height < np.inf
+        ):
+            least = f"of at least {_LEAST_RADIUS_M:g} m"
+            raise ValueError(f"a robot needs a radius {least}, and 0 < step < camera_height <= height: {self}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +117,10 @@ def find_free_space(
 
     from maomaps_warp.kernels.robot_space import RobotShape, find_free_places
 
+    lowest, highest = world.bounds[:, 2]
+    if floor_z is not None and not lowest - robot.height <= floor_z <= highest:
+        found = f"reaches from {lowest:.2f} to {highest:.2f} m: no floor lies at {floor_z:g} m"
+        raise InputError(world.source, found, "--floor says the floor's height, metres, in the scene's own frame")
     shape = RobotShape()
     shape.floor_z = find_floor(world) if floor_z is None else floor_z
     shape.needs_floor = floor_z is None

@@ -32,6 +32,8 @@ _Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 #: No building is wider or flatter than this, metres: another unit, or a part that is no furniture.
 _WIDEST_M = 100.0
 _NARROWEST_M = 0.5
+#: So far from the origin float32 still resolves 0.25 mm, metres.
+_FARTHEST_M = 2048.0
 _WHITE = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
@@ -81,8 +83,12 @@ def read_world(path: Path, options: SceneOptions | None = None) -> World:
     path = Path(path)
     if path.suffix.lower() not in _UP_BY_SUFFIX:
         raise InputError(path, "is no scene", f"scenes are {', '.join(_UP_BY_SUFFIX)}")
+    if path.is_dir():
+        raise InputError(path, "is a folder", "name the scene's file")
     if not path.is_file():
         raise InputError(path, "no such file")
+    if not path.stat().st_size:
+        raise InputError(path, "is empty")
     notes: list[str] = []
     parts = _kept(path, _read_parts(path, notes), options.drop)
     up = _up_axis(path, options.up, notes)
@@ -125,6 +131,9 @@ def _part_of(path: Path, name: str, mesh: Any, transform: NDArray[np.float64]) -
         more = f"; {len(bad)} of {len(vertices)} are so" if len(bad) > 1 else ""
         raise InputError(path, f"part {name!r}: vertex {bad[0]} is not finite{more}", "repair the mesh")
     triangles = np.asarray(mesh.faces, dtype=np.int64)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        found = f"part {name!r}: a triangle has vertex {triangles.max()}, but there are {len(vertices)}"
+        raise InputError(path, found, "export it anew")
     if np.linalg.det(transform[:3, :3]) < 0.0:
         triangles = triangles[:, ::-1]  # a mirrored part shows its other side
     texture, uv, is_double_sided = _WHITE, None, True
@@ -207,6 +216,10 @@ def _check_size(path: Path, parts: list[_Part], moved: list[NDArray[np.float64]]
     sizes = [np.ptp(vertices, axis=0).max() for vertices in moved]
     low, high = np.min([v.min(axis=0) for v in moved], axis=0), np.max([v.max(axis=0) for v in moved], axis=0)
     width = float((high - low).max())
+    reach = float(np.abs([low, high]).max())
+    if width <= _WIDEST_M and reach > _FARTHEST_M:
+        hint = "float32 places surfaces there by millimetres at best: move it to the origin first"
+        raise InputError(path, f"lies {reach:.7g} m from its origin", hint)
     if width > _WIDEST_M:
         worst = int(np.argmax(sizes))
         others = [size for place, size in enumerate(sizes) if place != worst]

@@ -68,6 +68,8 @@ class SlamDisturbance:
     max_depth: float = 6.0
 
     def __post_init__(self) -> None:
+        if not all(np.isfinite(value) for value in vars(self).values()):
+            raise ValueError(f"all figures must be finite: {self}")
         if self.seed < 0 or self.border < 0 or self.keyframe_every < 1:
             raise ValueError(f"seed and border must not be negative, keyframe_every must be at least 1: {self}")
         if min(self.closures, self.losses) < 0 or not 0.0 <= self.closure_correction <= 1.0:

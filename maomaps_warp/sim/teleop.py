@@ -20,6 +20,8 @@ Key = Literal["forward", "back", "left", "right", "stop"]
 HOLD_S = 0.6
 #: How fast speed grows and falls, metres per second squared; of turning, radians per second squared.
 _ACCELERATION, _TURN_ACCELERATION = 1.0, 3.0
+#: Turns that are tried at a wall, radians; beyond 75 degrees the robot stands.
+_SLIDES = tuple(np.radians([0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75]).tolist())
 #: Of sums of steps; far below any speed.
 _ROUNDING = 1e-9
 #: Way is looked at in steps so long, metres: shorter than a cell of the free space.
@@ -27,7 +29,10 @@ _STEP_M = 0.01
 
 
 class Teleop:
-    """Where the robot is, and what its keys make of it. It never leaves the free space: it slides along walls.
+    """Where the robot is, and what its keys make of it. It never leaves the free space.
+
+    It slides along walls that it meets at a flat angle, and stands before others (walls that run across the grid of the
+    free space are flights of steps).
 
     Args:
         space: where it can go.
@@ -90,15 +95,18 @@ class Teleop:
         steps = int(np.ceil(np.linalg.norm(way) / _STEP_M))
         for _ in range(steps):
             part = way / steps
-            # Straight on, else along the wall: what is left of the way along one axis.
-            tries = (part, part * [1.0, 0.0], part * [0.0, 1.0])
-            free = next(
-                (move for move in tries if move.any() and self._space.holds((self.place + move)[None])[0]), None
-            )
+            # Straight on, else along the wall: by the least turn that is free, as far as the way goes there.
+            tries = (_turned(part, angle) * np.cos(angle) for angle in _SLIDES)
+            free = next((move for move in tries if self._space.holds((self.place + move)[None])[0]), None)
             if free is None:
                 self.speed = 0.0
                 return
             self.place = self.place + free
+
+
+def _turned(move: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * move[0] - s * move[1], s * move[0] + c * move[1]])
 
 
 def _towards(value: float, goal: float, step: float) -> float:
