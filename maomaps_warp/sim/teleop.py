@@ -22,6 +22,8 @@ HOLD_S = 0.6
 _ACCELERATION, _TURN_ACCELERATION = 1.0, 3.0
 #: Turns that are tried at a wall, radians; beyond 75 degrees the robot stands.
 _SLIDES = tuple(np.radians([0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75]).tolist())
+#: Turns by which a step of a slanted wall is gone round, radians.
+_ROUNDS = tuple(np.radians([90, -90, 120, -120, 135, -135]).tolist())
 #: Of sums of steps; far below any speed.
 _ROUNDING = 1e-9
 #: Way is looked at in steps so long, metres: shorter than a cell of the free space.
@@ -31,8 +33,7 @@ _STEP_M = 0.01
 class Teleop:
     """Where the robot is, and what its keys make of it. It never leaves the free space.
 
-    It slides along walls that it meets at a flat angle, and stands before others (walls that run across the grid of the
-    free space are flights of steps).
+    It slides along walls that it meets at up to about 35 degrees, and stands before others.
 
     Args:
         space: where it can go.
@@ -97,11 +98,27 @@ class Teleop:
             part = way / steps
             # Straight on, else along the wall: by the least turn that is free, as far as the way goes there.
             tries = (_turned(part, angle) * np.cos(angle) for angle in _SLIDES)
-            free = next((move for move in tries if self._space.holds((self.place + move)[None])[0]), None)
+            free = next((move for move in tries if self._is_free(self.place + move)), None)
+            if free is None:
+                free = self._round_a_step(part)
             if free is None:
                 self.speed = 0.0
                 return
             self.place = self.place + free
+
+    def _round_a_step(self, move: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """A move sideways, if it leads to where the way goes on: walls across the grid are flights of steps."""
+        ahead = move / np.linalg.norm(move)
+        cell = 1.2 * self._space.cell
+        for angle in _ROUNDS:
+            beside = self.place + cell * _turned(ahead, angle)
+            beyond = beside + cell * _turned(ahead, np.copysign(np.pi / 4, angle))
+            if self._is_free(beside) and self._is_free(beyond):
+                return 0.5 * _turned(move, angle)
+        return None
+
+    def _is_free(self, place: NDArray[np.float64]) -> bool:
+        return bool(self._space.holds(place[None])[0])
 
 
 def _turned(move: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
