@@ -22,8 +22,8 @@ HOLD_S = 0.6
 _ACCELERATION, _TURN_ACCELERATION = 1.0, 3.0
 #: Turns that are tried at a wall, radians; beyond 75 degrees the robot stands.
 _SLIDES = tuple(np.radians([0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75]).tolist())
-#: Turns by which a step of a slanted wall is gone round, radians.
-_ROUNDS = tuple(np.radians([90, -90, 120, -120, 135, -135]).tolist())
+#: Turns by which a step of a slanted wall is gone round, radians; by more the robot would bounce off walls head-on.
+_ROUNDS = tuple(np.radians([90, -90, 105, -105, 120, -120]).tolist())
 #: Of sums of steps; far below any speed.
 _ROUNDING = 1e-9
 #: Way is looked at in steps so long, metres: shorter than a cell of the free space.
