@@ -13,17 +13,17 @@ from rosbags.rosbag1 import Reader
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.bags.reading import open_bag
 
-RNG = np.random.default_rng(7)
 #: Messages of 60 kB: several for each chunk of either kind of bag.
 COUNT, BYTES = 80, 60_000
 
 
 def entries(kind):
-    """Two topics; some log times jump back, into the chunk before or to an equal one."""
+    """Two topics; some log times jump back, into the chunk before or to an equal one. The same ones each time."""
+    rng = np.random.default_rng(7)
     for number in range(COUNT):
         log_ns = 10**9 + number * 30_000_000 - (450_000_000 if number % 20 == 19 else 0)
         pixels = np.full(BYTES, number, np.uint8)
-        pixels[::100] = RNG.integers(0, 256, BYTES // 100)
+        pixels[::100] = rng.integers(0, 256, BYTES // 100)
         values = (header(kind, 1 + number), 1, BYTES, "mono8", 0, BYTES, pixels)
         yield ("/a", "/b")[number % 2], log_ns, message(kind, "sensor_msgs/Image", *values)
 
