@@ -174,7 +174,7 @@ def test_a_damaged_recipe_and_a_foreign_sample_are_named(tmp_path: Path) -> None
 
 def test_rough_maps_of_all_runs_lie_on_one_lattice() -> None:
     from maomaps_warp.jobs.pair_search import PairSearch, PlannedPair
-    from maomaps_warp.jobs.record import RecordOptions, SceneOptions, open_world
+    from maomaps_warp.jobs.run_plan import RecordOptions, SceneOptions, open_world
     from maomaps_warp.sim.free_space import find_free_space
 
     world, options = open_world("flat:1", SceneOptions()), RecordOptions()

@@ -274,7 +274,7 @@ def test_a_drive_is_kept_when_its_recording_fails(tmp_path: Path, monkeypatch: p
     assert len(read_trajectory(Path(kept[1]))) == 12
 
 
-def test_the_page_is_for_this_machine_alone_and_its_buttons_work() -> None:
+def test_the_page_is_for_this_machine_alone_and_shows_what_the_robot_sees() -> None:
     pytest.importorskip("viser")
     from maomaps_warp.cli.drive_browser import BrowserView
 

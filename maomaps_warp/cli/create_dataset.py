@@ -71,6 +71,7 @@ def create_dataset(
     Interrupted, it goes on where it was when the same command is given again; the same options and seed give the same
     bytes. Exit code 2: a scene cannot be used, or no runs through it overlap as asked.
     """
+    given = dict(locals())  # the options alone: nothing else is named yet
     from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
     from maomaps_warp.io.bags.writing import SUFFIXES
     from maomaps_warp.jobs import create_dataset as job
@@ -79,22 +80,7 @@ def create_dataset(
 
     with user_errors(debug):
         check_device_name(device)
-        robot = robot_options(
-            antialias=antialias,
-            light=light,
-            back_faces=back_faces,
-            also=also,
-            effect=effect,
-            rate=rate,
-            speed=speed,
-            turn_rate=turn_rate,
-            radius=radius,
-            robot_height=robot_height,
-            camera_height=camera_height,
-            pitch=pitch,
-            camera=camera,
-            seed=seed,
-        )
+        robot = robot_options(given)
         try:
             options = job.DatasetOptions(
                 scenes=tuple(_scene(text) for text in scenes),

@@ -30,6 +30,8 @@ _KEYS: dict[Key, tuple[str, ...]] = {
 }
 #: Where the map is looked at from, in the camera's frame, metres: behind the robot and above it.
 _BEHIND = np.array([0.0, -1.6, -2.4])
+#: Nearer to there than this nothing is shown, metres: no wall hides the robot. And where the view is free.
+_NEAR_M, _NEAR_FREE_M = 2.5, 0.01
 
 
 def picture_size(aspect: float) -> tuple[int, int]:
@@ -122,9 +124,10 @@ class BrowserView:
                     glance.map.colors if glance.map.colors is not None else (128, 128, 128),
                     point_size=glance.map.grid.voxel_size,
                 )
-        if self.follow.value:
-            for client in self.server.get_clients().values():
-                with client.atomic():
+        for client in self.server.get_clients().values():
+            with client.atomic():
+                client.camera.near = _NEAR_M if self.follow.value else _NEAR_FREE_M
+                if self.follow.value:
                     client.camera.position = T[:3, 3] + T[:3, :3] @ _BEHIND
                     client.camera.look_at = T[:3, 3] + T[:3, 2]
 

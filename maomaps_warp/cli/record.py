@@ -80,6 +80,7 @@ def record(
     It explores, goes along waypoints, follows a trajectory, or obeys your keys. Ctrl-C ends the recording; the bag
     holds the frames until then. Exit code 2: the scene or a place cannot be used, or the bag cannot be written.
     """
+    given = dict(locals())  # the options alone: nothing else is named yet
     from maomaps_warp.cli.terminal import check_device_name, console, progress_clock, quiet_warp, user_errors
     from maomaps_warp.io.bags.writing import bag_kind, check_new_bag
     from maomaps_warp.jobs import record as job
@@ -87,24 +88,11 @@ def record(
     with user_errors(debug):
         check_device_name(device)
         _check_alone(trajectory, start, waypoint, drive, duration)
+        if trajectory is None and pose_frame != "auto":
+            raise InputError(f"--pose-frame {pose_frame}", "given without --trajectory, whose poses it is about")
         places = tuple(_place("--waypoint", text) for text in waypoint or ())
         options = replace(
-            robot_options(
-                antialias=antialias,
-                light=light,
-                back_faces=back_faces,
-                also=also,
-                effect=effect,
-                rate=rate,
-                speed=speed,
-                turn_rate=turn_rate,
-                radius=radius,
-                robot_height=robot_height,
-                camera_height=camera_height,
-                pitch=pitch,
-                camera=camera,
-                seed=seed,
-            ),
+            robot_options(given),
             duration=None if duration is None else _positive("--duration", duration),
             start=None if start is None else _place("--start", start),
             waypoints=places,
@@ -122,14 +110,14 @@ def record(
         def tell(text: str) -> None:
             out.print(text, soft_wrap=True)
 
-        bag_kind(output)
-        check_new_bag(output, overwrite=overwrite)
         if drive is None:
             with progress_clock() as clock:
                 with clock.stage("start device"):
                     used = resolve_device(device, "render")
                 recorded = job.record(scene, output, options, device=used, clock=clock)
         else:
+            bag_kind(output)
+            check_new_bag(output, overwrite=overwrite)
             used = resolve_device(device, "render", "map")
             driven = drive_by_hand(scene, options, drive, port=port, device=used, tell=tell)
             with kept_drive(driven, tell) as keep, progress_clock() as clock:

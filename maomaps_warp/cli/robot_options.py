@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -40,11 +41,11 @@ Pitch = Annotated[float, typer.Option(metavar="DEG", help="Of the camera, upward
 _MOST_PIXELS = 10**8
 
 
-def robot_options(**given: Any) -> RecordOptions:
+def robot_options(given: Mapping[str, Any]) -> RecordOptions:
     """What a robot is, how it drives, and what its camera sees.
 
     Args:
-        given: the options above by their names, `camera` and `seed`.
+        given: values of a command's options: those above by their names, `camera` and `seed`; others do not matter.
 
     Raises:
         InputError: naming what is out of range.

@@ -18,7 +18,8 @@ from maomaps_warp.io.sources import SourceOptions
 from maomaps_warp.jobs.dataset_recipe import SCHEMA, DatasetOptions, SceneEntry, begun_dataset, read_facts, recipe_of
 from maomaps_warp.jobs.ground_truth import open_recording
 from maomaps_warp.jobs.pair_search import PairSearch, PlannedPair, PlannedRun, iou_of
-from maomaps_warp.jobs.record import open_world, record_simulator
+from maomaps_warp.jobs.record import record_simulator
+from maomaps_warp.jobs.run_plan import open_world
 from maomaps_warp.jobs.sample import MadeSample, make_sample
 from maomaps_warp.map_protocol import MAP_PRESETS
 from maomaps_warp.model.dataset import OverlapFigures

@@ -15,7 +15,8 @@ import numpy as np
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.outputs import write_whole
 from maomaps_warp.jobs.pair_search import IouKind
-from maomaps_warp.jobs.record import RecordOptions, SceneOptions
+from maomaps_warp.jobs.run_plan import RecordOptions
+from maomaps_warp.sim.scene_files import SceneOptions
 
 #: What was asked for, in the dataset's folder.
 RECIPE = "dataset.json"

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.jobs.record import RecordOptions, free_start, open_world
+from maomaps_warp.jobs.run_plan import RecordOptions, free_start, open_world
 from maomaps_warp.mapping.depth_samples import DepthLimits
 from maomaps_warp.mapping.merging import merge_maps
 from maomaps_warp.mapping.voxel_map import build_voxel_map
 from maomaps_warp.model.frame import Frame, FrameStream
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap
-from maomaps_warp.sim.agent import START_NS
+from maomaps_warp.sim.agent import stamps_at
 from maomaps_warp.sim.free_space import FreeSpace, find_free_space
 from maomaps_warp.sim.render import MeshSimulator
 from maomaps_warp.sim.simulator import Seen
@@ -141,7 +141,7 @@ class Drive:
         """
         if len(self._poses) < 2:
             raise InputError("the drive", "nothing was recorded", "a run begins with the key r and ends with it")
-        stamps = START_NS + np.rint(np.arange(len(self._poses)) * self.step_s * 1e9).astype(np.int64)
+        stamps = stamps_at(len(self._poses), self._options.driving.rate_hz)
         return Trajectory(np.stack(self._poses), stamps, "driven by hand", "world")
 
     def _grow_map(self, seen: Seen, T_world_camera: NDArray[np.float64]) -> None:

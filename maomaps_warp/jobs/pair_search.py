@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from maomaps_warp.jobs.record import RecordOptions, driven
+from maomaps_warp.jobs.run_plan import RecordOptions, driven
 from maomaps_warp.mapping.depth_samples import DepthLimits
 from maomaps_warp.mapping.ground import Ground
 from maomaps_warp.mapping.voxel_map import build_voxel_map

@@ -61,7 +61,7 @@ def drive(scene: Scene, *, frames: int = 240, rate_hz: float = 10.0, seed: int =
     times = _times(yaw, (frames - 1) / rate_hz)
     at = np.interp(np.linspace(0.0, times[-1], frames), times, np.arange(len(way)))
     x, y, z, yaw, pitch = (np.interp(at, np.arange(len(way)), track) for track in (way[:, 0], way[:, 1], z, yaw, pitch))
-    stamps = START_NS + np.rint(np.arange(frames) * (1e9 / rate_hz)).astype(np.int64)
+    stamps = stamps_at(frames, rate_hz)
     return Trajectory(looking(np.stack([x, y, z], axis=1), yaw, pitch), stamps, "simulated drive", "world")
 
 
@@ -96,6 +96,11 @@ def _times(yaw: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
         low, high = (low, middle) if np.maximum(turning, middle).sum() > duration else (middle, high)
     per_step = smoothed(np.maximum(turning, high)[:, None], 0.05 / _STEP, closed=True)[:, 0]
     return np.concatenate([[0.0], np.cumsum(per_step)])
+
+
+def stamps_at(count: int, rate_hz: float) -> NDArray[np.int64]:
+    """Stamps of poses at a rate, (count,) nanoseconds, from START_NS on."""
+    return np.asarray(START_NS + np.rint(np.arange(count) * (1e9 / rate_hz)).astype(np.int64))
 
 
 def looking(

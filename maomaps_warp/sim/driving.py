@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.model.trajectory import Trajectory
-from maomaps_warp.sim.agent import START_NS, looking
+from maomaps_warp.sim.agent import looking, stamps_at
 from maomaps_warp.sim.planning import WAY_STEP_M
 from maomaps_warp.sim.tracks import smoothed
 
@@ -73,7 +73,7 @@ def drive_along(way: NDArray[np.float64], height: float, driving: Driving, durat
     at = np.interp(eased, times, np.arange(len(way)))
     x, y, turned = (np.interp(at, np.arange(len(way)), track) for track in (way[:, 0], way[:, 1], yaw))
     positions = np.stack([x, y, np.full(count, height)], axis=1)
-    stamps = START_NS + np.rint(seconds * 1e9).astype(np.int64)
+    stamps = stamps_at(count, driving.rate_hz)
     return Trajectory(looking(positions, turned, np.full(count, driving.pitch)), stamps, "simulated drive", "world")
 
 

@@ -31,12 +31,12 @@ _GUESS_BIAS, _GUESS_WARP, _GUESS_WAVES = 0.08, 0.13, 16
 _GUESS_PER_IMAGE, _GUESS_HZ, _GUESS_SMEAR = (0.3, 2.0), (0.02, 0.2), 1.0 / 120.0
 
 #: Seconds that the shutter is open, half of them before the stamp; pictures that are taken in between.
-EXPOSURE_S, EXPOSURE_FRAMES = 0.02, 8
+_EXPOSURE_S, _EXPOSURE_FRAMES = 0.02, 8
 
 #: Standard deviations per axis from this speed on (m/s), less below it: radians, metres; the range of frequencies,
 #: hertz, and their number.
-SHAKE_SPEED = 0.5
-SHAKE_RAD, SHAKE_M, _SHAKE_HZ, _SHAKE_WAVES = float(np.radians(0.3)), 0.002, (0.5, 3.0), 8
+_SHAKE_SPEED = 0.5
+_SHAKE_RAD, _SHAKE_M, _SHAKE_HZ, _SHAKE_WAVES = float(np.radians(0.3)), 0.002, (0.5, 3.0), 8
 
 
 @dataclass(frozen=True)
@@ -140,10 +140,10 @@ def guessed_depth(depth: NDArray[np.float32], seconds: float, seed: int) -> NDAr
 
 
 def exposure_poses(trajectory: Trajectory, index: int) -> NDArray[np.float64]:
-    """Poses, (EXPOSURE_FRAMES, 4, 4), during the exposure at pose `index`; beyond both ends the camera rests."""
+    """Poses, (_EXPOSURE_FRAMES, 4, 4), during the exposure at pose `index`; beyond both ends the camera rests."""
     assert trajectory.stamps_ns is not None
     seconds = (trajectory.stamps_ns - trajectory.stamps_ns[index]).astype(np.float64) * 1e-9
-    when = EXPOSURE_S * ((np.arange(EXPOSURE_FRAMES) + 0.5) / EXPOSURE_FRAMES - 0.5)
+    when = _EXPOSURE_S * ((np.arange(_EXPOSURE_FRAMES) + 0.5) / _EXPOSURE_FRAMES - 0.5)
     at = np.interp(when, seconds, np.arange(len(seconds)))
     before = np.minimum(at.astype(np.int64), len(seconds) - 1)
     after = np.minimum(before + 1, len(seconds) - 1)
@@ -178,8 +178,8 @@ def shaken(trajectory: Trajectory, seed: int) -> Trajectory:
     waves = np.sqrt(2.0 / _SHAKE_WAVES) * np.sin(2.0 * np.pi * frequency * seconds + phase).sum(axis=1)
     # Stamps may repeat.
     speed = np.linalg.norm(np.gradient(trajectory.positions, seconds + 1e-9 * np.arange(len(seconds)), axis=0), axis=1)
-    waves = (waves * np.minimum(speed / SHAKE_SPEED, 1.0)).T
+    waves = (waves * np.minimum(speed / _SHAKE_SPEED, 1.0)).T
     T = trajectory.T_world_camera.copy()
-    T[:, :3, :3] = T[:, :3, :3] @ Rotation.from_rotvec(SHAKE_RAD * waves[:, :3]).as_matrix()
-    T[:, :3, 3] += SHAKE_M * waves[:, 3:]
+    T[:, :3, :3] = T[:, :3, :3] @ Rotation.from_rotvec(_SHAKE_RAD * waves[:, :3]).as_matrix()
+    T[:, :3, 3] += _SHAKE_M * waves[:, 3:]
     return replace(trajectory, T_world_camera=T)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Literal
 
 import numpy as np
@@ -20,10 +20,10 @@ Key = Literal["forward", "back", "left", "right", "stop"]
 HOLD_S = 0.6
 #: How fast speed grows and falls, metres per second squared; of turning, radians per second squared.
 _ACCELERATION, _TURN_ACCELERATION = 1.0, 3.0
-#: Turns that are tried at a wall, radians; beyond 75 degrees the robot stands.
-_SLIDES = tuple(np.radians([0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75]).tolist())
-#: Turns by which a step of a slanted wall is gone round, radians; by more the robot would bounce off walls head-on.
-_ROUNDS = tuple(np.radians([90, -90, 105, -105, 120, -120]).tolist())
+#: Walls are looked at through a Gaussian of so many cells: those that run across the grid are flights of steps.
+_SMOOTHING_CELLS = 2.0
+#: Less of the way than this share goes along the wall: it is met head-on, and the robot stands.
+_LEAST_SLIDE = 0.2
 #: Of sums of steps; far below any speed.
 _ROUNDING = 1e-9
 #: Way is looked at in steps so long, metres: shorter than a cell of the free space.
@@ -33,14 +33,13 @@ _STEP_M = 0.01
 class Teleop:
     """Where the robot is, and what its keys make of it. It never leaves the free space.
 
-    It slides along walls that it meets at up to about 35 degrees, and stands before others.
+    It slides along walls, and stands before one that it meets head-on.
 
     Args:
         space: where it can go.
         driving: greatest speeds; steps per second; pitch of the camera.
         camera_height: metres above the floor.
         start: (2,) metres, free.
-        yaw: where it looks first, radians.
         now: seconds of a clock that keys are timed by.
     """
 
@@ -50,13 +49,12 @@ class Teleop:
         driving: Driving,
         camera_height: float,
         start: NDArray[np.float64],
-        yaw: float = 0.0,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.place = np.array(start, dtype=np.float64)
-        self.yaw = yaw
-        self.speed = self.turn_rate = 0.0
+        self.yaw = self.speed = self.turn_rate = 0.0
         self._space, self._driving, self._camera_height = space, driving, camera_height
+        self._uphill = _uphill(space)
         self._heard: dict[Key, float] = {}
         self._fresh: set[Key] = set()
         self._now = now
@@ -96,34 +94,35 @@ class Teleop:
         steps = int(np.ceil(np.linalg.norm(way) / _STEP_M))
         for _ in range(steps):
             part = way / steps
-            # Straight on, else along the wall: by the least turn that is free, as far as the way goes there.
-            tries = (_turned(part, angle) * np.cos(angle) for angle in _SLIDES)
-            free = next((move for move in tries if self._is_free(self.place + move)), None)
-            if free is None:
-                free = self._round_a_step(part)
+            free = next((move for move in self._tries(part) if self._is_free(self.place + move)), None)
             if free is None:
                 self.speed = 0.0
                 return
             self.place = self.place + free
 
-    def _round_a_step(self, move: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """A move sideways, if it leads to where the way goes on: walls across the grid are flights of steps."""
-        ahead = move / np.linalg.norm(move)
-        cell = 1.2 * self._space.cell
-        for angle in _ROUNDS:
-            beside = self.place + cell * _turned(ahead, angle)
-            beyond = beside + cell * _turned(ahead, np.copysign(np.pi / 4, angle))
-            if self._is_free(beside) and self._is_free(beyond):
-                return 0.5 * _turned(move, angle)
-        return None
+    def _tries(self, move: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+        """Straight on; else along the wall, or past a step of it: more and more away, in the end only away."""
+        yield move
+        away = self._uphill[tuple(self._space.cell_of(self.place))]
+        along = move - min(0.0, float(move @ away)) * away
+        length = float(np.linalg.norm(move))
+        if np.linalg.norm(along) >= _LEAST_SLIDE * length:
+            yield from (along + share * length * away for share in (0.0, 0.5, 1.0))
+            yield length * away
 
     def _is_free(self, place: NDArray[np.float64]) -> bool:
         return bool(self._space.holds(place[None])[0])
 
 
-def _turned(move: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * move[0] - s * move[1], s * move[0] + c * move[1]])
+def _uphill(space: FreeSpace) -> NDArray[np.float64]:
+    """In each cell of a free space the direction away from the walls, (nx, ny, 2), unit vectors."""
+    from scipy import ndimage
+
+    free = np.pad(space.is_free, 1)
+    # Signed, so that it has a slope at the wall itself.
+    clearance = ndimage.distance_transform_edt(free) - ndimage.distance_transform_edt(~free)
+    slope = np.stack(np.gradient(ndimage.gaussian_filter(clearance, _SMOOTHING_CELLS)), axis=-1)[1:-1, 1:-1]
+    return np.asarray(slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-9))
 
 
 def _towards(value: float, goal: float, step: float) -> float:
