@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
 from maomaps_warp.io.sources import Source
-from maomaps_warp.mapping import cloud_map, voxel_map
+from maomaps_warp.mapping import cloud_map
 from maomaps_warp.model.alignment import Alignment
 from maomaps_warp.model.results import NoValue
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap
 from maomaps_warp.protocol import Protocol
-from maomaps_warp.scoring.frame_poses import pose_of_frame
-from maomaps_warp.scoring.stamps import shifted
 from maomaps_warp.stopwatch import Stopwatch
 
 
@@ -87,6 +85,10 @@ def build_side(
             return SideMap(points, voxels, facts | {"voxels": len(voxels)})
         if source.frames is None or source.trajectory is None:
             raise InputError(source.name, "depth frames without poses", "give a trajectory file for them")
+        from maomaps_warp.mapping import voxel_map  # which loads more than clouds need
+        from maomaps_warp.scoring.frame_poses import pose_of_frame
+        from maomaps_warp.scoring.stamps import shifted
+
         limits = voxel_map.DepthLimits(protocol.min_range, protocol.max_range, protocol.pixel_stride, alignment.scale)
         trajectory = alignment.apply_trajectory(source.trajectory)
         if trajectory.stamps_ns is not None:

@@ -24,7 +24,8 @@ from bag_samples import (
 from bags import BAG_KINDS, BagKind, bag_path, storage_file, write_bag, write_rgbd_bag
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import open_bag, recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
+from maomaps_warp.io.bags import open_bag
 
 
 @every_kind

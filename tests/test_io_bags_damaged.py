@@ -10,7 +10,8 @@ from bag_samples import T0_NS, bag_contents, bag_trajectory, every_kind, read_ev
 from bags import BagKind, bag_path, storage_file, write_bag
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import open_bag, recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
+from maomaps_warp.io.bags import open_bag
 
 
 @every_kind

@@ -63,7 +63,7 @@ def sample(
     nothing was written.
     """
     from maomaps_warp.cli.terminal import check_device_name, progress_clock, quiet_warp, user_errors
-    from maomaps_warp.io.bags import recognise_bag
+    from maomaps_warp.io.bag_formats import recognise_bag
     from maomaps_warp.io.sample_writing import SamplePlace, check_sample_writable
     from maomaps_warp.io.sources import SourceOptions
     from maomaps_warp.jobs.ground_truth import open_recording

@@ -80,6 +80,11 @@ def progress_clock(out: Console | None = None) -> Iterator[Stopwatch]:
             sys.stdout.flush()
 
     from rich.console import Console
+
+    stderr = Console(stderr=True)
+    if not stderr.is_terminal:
+        yield Stopwatch(say=say)
+        return
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -89,10 +94,6 @@ def progress_clock(out: Console | None = None) -> Iterator[Stopwatch]:
         TimeRemainingColumn,
     )
 
-    stderr = Console(stderr=True)
-    if not stderr.is_terminal:
-        yield Stopwatch(say=say)
-        return
     columns = (
         TextColumn("{task.description:<20}"),
         BarColumn(),

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import open_contents, recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
+from maomaps_warp.io.bags import open_contents
 from maomaps_warp.io.bags.occupancy import read_bag_grid
 from maomaps_warp.io.file_sets import check_file_set, write_file_set
 from maomaps_warp.io.map_server import read_map_server

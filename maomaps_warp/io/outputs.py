@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -80,7 +79,7 @@ def _target_and_part(path: Path) -> tuple[Path, Path]:
         target = path.resolve() if path.is_symlink() else path
     except OSError as error:
         raise _cannot_write(path, error) from error
-    return target, target.with_name(f".{secrets.token_hex(8)}.part")
+    return target, target.with_name(f".{os.urandom(8).hex()}.part")
 
 
 def _remove(part: Path) -> None:

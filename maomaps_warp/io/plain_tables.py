@@ -20,6 +20,7 @@ LEAST_BYTES = 1 << 20
 #: Places in a text are int32.
 _MOST_BYTES = (1 << 31) - 1
 _LINE_FEED = 10
+_WHITE = b" \t\n\r\v\f"
 _SEPARATORS = re.compile(rb"[,;]\s*|\s+")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -53,9 +54,11 @@ def parse_plain_table(data: bytes) -> PlainTable | None:
     from maomaps_warp.kernels.text_tables import parse_table
 
     first = _behind_comments(data)
-    stop = len(data.rstrip())
+    stop = len(data)
+    while stop > first and data[stop - 1] in _WHITE:  # rstrip would copy it all
+        stop -= 1
     # NaN, words and control characters are refused by the parser; a lone carriage return would pass for a blank.
-    if first >= stop or len(data) > _MOST_BYTES or data.count(b"\r") != data.count(b"\r\n"):
+    if first >= stop or len(data) > _MOST_BYTES or (b"\r" in data and data.count(b"\r") != data.count(b"\r\n")):
         return None
     if not data[:first].removeprefix(_BYTE_ORDER_MARK).isascii() or b"\0" in data[:first]:
         return None

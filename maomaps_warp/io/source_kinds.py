@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import cast, get_args
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import read_bag, recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
 from maomaps_warp.io.clouds import CloudFormat, read_cloud, recognise_cloud
 from maomaps_warp.io.original_directory import is_original_directory, read_original_side
 from maomaps_warp.io.rgbd_folders import LAYOUTS, read_rgbd_folder, recognise_rgbd_folder
@@ -157,6 +157,8 @@ def _open_rgbd(path: Path, format: str, options: SourceOptions, side: Side, part
 
 
 def _open_bag(path: Path, format: str, options: SourceOptions, side: Side, part: Part) -> Source:
+    from maomaps_warp.io.bags import read_bag
+
     return read_bag(path, options, side, part)
 
 

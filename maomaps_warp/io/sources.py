@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
 from maomaps_warp.io.original_directory import is_original_directory
 from maomaps_warp.io.source import Side, Source, SourceOptions, option
 from maomaps_warp.io.source_kinds import FORMATS, open_part

@@ -16,7 +16,7 @@ from maomaps_warp.checking.recorded import recorded_poses
 from maomaps_warp.checking.recording import frames_without_pose, partner_gaps, pose_jumps, stamp_facts, up_axis
 from maomaps_warp.checking.sampling import FrameSample, sample_frames
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
 from maomaps_warp.io.bags.image_stamps import read_image_stamps
 from maomaps_warp.io.source import Source, SourceOptions, option
 from maomaps_warp.io.sources import open_source

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
 from maomaps_warp.io.cameras import parse_camera
 from maomaps_warp.io.sources import AS_IT_COMES, Source, SourceOptions, open_source
 from maomaps_warp.map_protocol import MapProtocol

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
 from maomaps_warp.io.bags.writing import Entry, MessageMaker, bag_kind, check_new_bag, write_bag
 from maomaps_warp.io.occupancy_maps import read_occupancy
 from maomaps_warp.io.rotations import quaternions_from_matrices

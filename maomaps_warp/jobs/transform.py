@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
-from maomaps_warp.io.bags import recognise_bag
+from maomaps_warp.io.bag_formats import recognise_bag
 from maomaps_warp.io.cloud_writing import CLOUD_SUFFIXES, cloud_suffix
 from maomaps_warp.io.clouds import write_cloud
 from maomaps_warp.io.outputs import check_writable

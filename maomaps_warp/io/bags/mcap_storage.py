@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from maomaps_warp.io.bag_formats import MCAP_MAGIC
 from maomaps_warp.io.bags.storage import BagStorage, Channel
 from maomaps_warp.io.read_ahead import ahead
 
-#: First and last eight bytes of every complete MCAP file.
-MCAP_MAGIC = b"\x89MCAP0\r\n"
 #: The opcode and the length that a record starts with.
 _RECORD_HEADER_BYTES = 1 + 8
 

@@ -10,14 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.io.bag_formats import BagFormat, bag_format
 from maomaps_warp.io.bags.decoding import deserialise
 from maomaps_warp.io.bags.errors import bag_errors
-from maomaps_warp.io.bags.mcap_storage import MCAP_MAGIC, open_mcap_file
+from maomaps_warp.io.bags.mcap_storage import open_mcap_file
 from maomaps_warp.io.bags.storage import BagStorage, Channel, open_ros1_bag, open_ros2_folder, open_sqlite_file
 
-_ROS1_MAGIC = b"#ROSBAG V"
-_SQLITE_MAGIC = b"SQLite format 3\x00"
-_FOLDER_KEY = "rosbag2_bagfile_information"
+#: How each kind of bag is opened, and how a damaged one is repaired.
+_OPENERS: dict[BagFormat, tuple[Callable[[Path, ExitStack], BagStorage], str]] = {
+    "ros1": (open_ros1_bag, "repair it with `rosbag reindex {path}`"),
+    "ros2": (open_ros2_folder, "repair it with `ros2 bag reindex {path}`"),
+    "sqlite": (open_sqlite_file, "repair it with `ros2 bag reindex` on its folder"),
+    "mcap": (open_mcap_file, "repair it with `mcap recover {path} -o recovered.mcap`"),
+}
 
 
 @dataclass(frozen=True)
@@ -123,14 +128,6 @@ class Bag:
             return deserialise(channel, data, where)
 
 
-def recognise_bag(path: Path) -> bool:
-    """Whether `path` is a bag, judged by content: a ROS 1 bag, a ROS 2 folder, a lone SQLite or MCAP file.
-
-    A folder of storage files that lost its metadata.yaml counts, so that `open_bag` can say what is wrong.
-    """
-    return _kind_of(path) is not None
-
-
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag of any kind that `recognise_bag` knows.
@@ -138,10 +135,11 @@ def open_bag(path: Path) -> Iterator[Bag]:
     Raises:
         InputError: absent, empty, not a bag, not indexed, or damaged; says how to repair it.
     """
-    kind = _kind_of(path)
+    kind = bag_format(path)
     if kind is None:
         raise _not_a_bag(path)
-    opener, hint = kind
+    opener, repair = _OPENERS[kind]
+    hint = repair.format(path=path)
     with ExitStack() as stack:
         with bag_errors(path, hint):
             storage = opener(path, stack)
@@ -154,31 +152,6 @@ def _topics_of(storage: BagStorage) -> tuple[Topic, ...]:
         key = (channel.topic, channel.type)
         counts[key] = counts.get(key, 0) + channel.count
     return tuple(Topic(name, message_type, count) for (name, message_type), count in sorted(counts.items()))
-
-
-def _kind_of(path: Path) -> tuple[Callable[[Path, ExitStack], BagStorage], str] | None:
-    """How the bag at `path` is opened, and how its kind is repaired; None if it is not a bag."""
-    try:
-        if path.is_dir():
-            return (open_ros2_folder, f"repair it with `ros2 bag reindex {path}`") if _is_ros2_folder(path) else None
-        with path.open("rb") as file:
-            head = file.read(len(_SQLITE_MAGIC))
-    except OSError:
-        return None
-    if head.startswith(_ROS1_MAGIC):
-        return open_ros1_bag, f"repair it with `rosbag reindex {path}`"
-    if head.startswith(MCAP_MAGIC):
-        return open_mcap_file, f"repair it with `mcap recover {path} -o recovered.mcap`"
-    if head == _SQLITE_MAGIC:
-        return open_sqlite_file, "repair it with `ros2 bag reindex` on its folder"
-    return None
-
-
-def _is_ros2_folder(path: Path) -> bool:
-    metadata = path / "metadata.yaml"
-    if metadata.is_file():
-        return _FOLDER_KEY in metadata.read_text(encoding="utf-8", errors="replace")
-    return any(x.suffix in (".db3", ".mcap") for x in path.iterdir())
 
 
 def _not_a_bag(path: Path) -> InputError:

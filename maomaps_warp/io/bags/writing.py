@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.io.bag_formats import recognise_bag
 from maomaps_warp.io.bags.making import BagKind, MessageMaker
-from maomaps_warp.io.bags.reading import recognise_bag
 from maomaps_warp.io.file_sets import write_file_set
 from maomaps_warp.io.outputs import check_writable
 
