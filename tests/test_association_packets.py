@@ -130,7 +130,7 @@ def test_one_thread_and_three_give_the_same(choice, monkeypatch):
 def test_every_pose_of_a_chunk_too_large_for_its_memory(monkeypatch):
     est, gt = _field(cluttered_room(1)), _field(cluttered_room(2))
     T = _poses(20, seed=11)
-    monkeypatch.setattr("maomaps_warp.scoring.association_packets._CHUNK_ROWS", 64)
+    monkeypatch.setattr("maomaps_warp.scoring.association_packets._MOST_PAIRS", 1000)
     c = _both(est.voxels.points[::7], est, gt, T, T, pose_choice="all")
     order = np.lexsort((c.pose, c.element))
     np.testing.assert_array_equal(order, np.arange(len(c)))

@@ -35,8 +35,6 @@ class PoseLists:
     culled_pose: wp.array(dtype=wp.int32)  # (P,) in order of time ...
     culled_bound: wp.array(dtype=wp.float32)  # (P,) ... and how near each is at least
     bins: wp.array(dtype=wp.int32)  # (BINS + 1,)
-    place: wp.array(dtype=wp.int32)  # (E,) where the elements of a brick that wait for a pose lie among all ...
-    rank: wp.array(dtype=wp.int32)  # (E,) ... and how many of the listed poses were tried for each
 
 
 @wp.func
@@ -163,11 +161,10 @@ def list_by_distance(count: wp.int32, bin_width: wp.float32, out: PoseLists):
         out.bound[place] = least
 
 
-def create_pose_lists(poses: int, elements: int) -> PoseLists:
-    """Memory for one launch over bricks of up to so many elements, on the CPU."""
+def create_pose_lists(poses: int) -> PoseLists:
+    """Memory for one launch, on the CPU."""
     lists = PoseLists()
     lists.pose, lists.culled_pose = (wp.empty(poses, dtype=wp.int32, device="cpu") for _ in range(2))
     lists.bound, lists.culled_bound = (wp.empty(poses, dtype=wp.float32, device="cpu") for _ in range(2))
     lists.bins = wp.empty(int(BINS) + 1, dtype=wp.int32, device="cpu")
-    lists.place, lists.rank = (wp.empty(elements, dtype=wp.int32, device="cpu") for _ in range(2))
     return lists

@@ -18,6 +18,12 @@ OUT_OF_VIEW = wp.constant(0)
 OCCLUDED = wp.constant(1)
 VISIBLE = wp.constant(2)
 
+# Which of the poses that see an element are taken.
+NEAREST = wp.constant(0)
+FIRST = wp.constant(1)
+LAST = wp.constant(2)
+EVERY = wp.constant(3)
+
 # Metres. Many voxel centres lie exactly a tolerance apart (0.5 m = 10 voxels); rounding must not decide there.
 TIE = wp.constant(wp.float32(1.0e-5))
 # Square metres: a camera nearer to a point than 1e-6 m stands on it.

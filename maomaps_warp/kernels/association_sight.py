@@ -1,4 +1,4 @@
-"""What a pose sees of a packet of sixteen elements: the inner functions of the association on a CPU.
+"""What a pose sees of the elements of a brick, sixteen at a time: which rays have to be cast.
 
 Lanes are loops over vectors that Warp must not unroll (see `modules`). Structs stay out of these loops:
 Warp copies them at each use.
@@ -8,31 +8,32 @@ from __future__ import annotations
 
 import warp as wp
 
-from maomaps_warp.kernels.association_culling import PoseLists, cull_poses
 from maomaps_warp.kernels.association_rules import (
     PosePairs,
     View,
     direction_of,
+    flag,
     is_camera_inside,
     is_in_view,
-    is_near,
 )
-from maomaps_warp.kernels.association_trail import Trail, any_of, are_in_field, blocked_again, cells_of
-from maomaps_warp.kernels.distance_field import DistanceField, ray_origin
-from maomaps_warp.kernels.voxel_rays import cast_bricked_packet, cast_dense_packet, lanes_f, lanes_i
+from maomaps_warp.kernels.association_slots import (
+    SLOT_BEST,
+    SLOT_POSE,
+    SLOT_STATUS,
+    SLOT_TRAIL,
+    SLOT_X,
+)
+from maomaps_warp.kernels.association_trail import any_of, blocked_again
+from maomaps_warp.kernels.distance_field import DistanceField
+from maomaps_warp.kernels.lane_memory import floats_at, ints_at, put
+from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
+from maomaps_warp.kernels.ray_line import LINE_DIRECTION, LINE_ORIGIN, LINE_ROOM
 
-
-@wp.struct
-class Bricks:
-    """Elements in bricks: those of brick b are first[b] to first[b + 1] - 1; metres relative to the grid's origin."""
-
-    first: wp.array(dtype=wp.int32)  # (B + 1,)
-    low: wp.array(dtype=wp.vec3)  # (B,) corners of the boxes round them
-    high: wp.array(dtype=wp.vec3)  # (B,)
-    x: wp.array(dtype=wp.float32)  # (N,)
-    y: wp.array(dtype=wp.float32)  # (N,)
-    z: wp.array(dtype=wp.float32)  # (N,)
-    element: wp.array(dtype=wp.int32)  # (N,) where an element's answer goes
+# What the answer to a ray of the estimate is for, in a line of `ray_line`.
+OWNER_SLOT = wp.constant(6 * 48)
+OWNER_POSE = wp.constant(7 * 48)
+OWNER_SQUARE = wp.constant(8 * 48)  # squared distance, square metres
+OWNER_WAY = wp.constant(9 * 48)  # x, y, z: the ray as the ground-truth pose casts it
 
 
 @wp.struct
@@ -40,6 +41,8 @@ class Sight:
     """All that decides whether a pose sees an element."""
 
     poses: PosePairs
+    est_origin: wp.array(dtype=wp.vec3)  # (P,) where the rays of each pose begin, coordinates of the field `est` ...
+    gt_origin: wp.array(dtype=wp.vec3)  # (P,) ... and of `gt`, see `ray_origin`
     blocks: wp.array2d(dtype=lanes_f)  # the estimated poses for culling, see association_culling.BLOCK_ROWS
     view: View
     est: DistanceField
@@ -48,53 +51,11 @@ class Sight:
 
 
 @wp.func(inline=True)
-def chosen(mask: lanes_i, a: lanes_f, b: lanes_f) -> lanes_f:
-    """`a` where the mask is 1, else `b`."""
-    r = lanes_f()
-    for k in range(16):
-        r[k] = wp.where(mask[k] != 0, a[k], b[k])
-    return r
-
-
-@wp.func(inline=True)
-def chosen(mask: lanes_i, a: lanes_i, b: lanes_i) -> lanes_i:
-    """`a` where the mask is 1, else `b`."""
-    r = lanes_i()
-    for k in range(16):
-        r[k] = wp.where(mask[k] != 0, a[k], b[k])
-    return r
-
-
-@wp.func(inline=True)
-def floats_of(mask: lanes_i) -> lanes_f:
-    """The mask as the ray caster takes it."""
-    return lanes_f(mask)
-
-
-@wp.func(inline=True)
-def load_packet(bricks: Bricks, places: lanes_i):
-    """Coordinates x, y, z (metres) of the elements at some places."""
-    x = lanes_f()
-    y = lanes_f()
-    z = lanes_f()
-    for k in range(16):
-        x[k] = bricks.x[places[k]]
-        y[k] = bricks.y[places[k]]
-        z[k] = bricks.z[places[k]]
-    return x, y, z
-
-
-@wp.func(inline=False)
 def _rays_to(
-    px: lanes_f,
-    py: lanes_f,
-    pz: lanes_f,
-    filled: lanes_i,
-    view: View,
-    R: wp.mat33,
-    position: wp.vec3,
-    inv: wp.float32,
+    px: lanes_f, py: lanes_f, pz: lanes_f, view: View, R: wp.mat33, position: wp.vec3, inv_voxel_size: wp.float32
 ):
+    """Square distances (square metres), camera-frame directions x, y, z, and which elements the image shows, were
+    nothing in the way."""
     ox = px - lanes_f(position[0])
     oy = py - lanes_f(position[1])
     oz = pz - lanes_f(position[2])
@@ -105,7 +66,7 @@ def _rays_to(
     seen = lanes_i()
     for k in range(16):
         shown = is_in_view(view, x[k], y[k], z[k], square[k])
-        seen[k] = (shown | is_camera_inside(view, ox[k], oy[k], oz[k], inv)) & filled[k]
+        seen[k] = shown | is_camera_inside(view, ox[k], oy[k], oz[k], inv_voxel_size)
     qx = lanes_f()
     qy = lanes_f()
     qz = lanes_f()
@@ -118,98 +79,87 @@ def _rays_to(
 
 
 @wp.func(inline=True)
-def rays_to(px: lanes_f, py: lanes_f, pz: lanes_f, filled: lanes_i, sight: Sight, pose: wp.int32):
-    """Rays from estimated pose `pose` to the elements of a packet.
-
-    Returns:
-        Square distances (square metres), camera-frame directions x, y, z, and which elements the image shows, were
-        nothing in the way.
-    """
-    R = sight.poses.est_rotation[pose]
-    position = sight.poses.est_position[pose]
-    square, x, y, z, seen = _rays_to(px, py, pz, filled, sight.view, R, position, sight.est.inv_voxel_size)
-    return square, x, y, z, seen
+def _to_map(R: wp.mat33, x: lanes_f, y: lanes_f, z: lanes_f):
+    """`association_rules.to_map`, lane by lane."""
+    return (
+        x * R[0, 0] + y * R[0, 1] + z * R[0, 2],
+        x * R[1, 0] + y * R[1, 1] + z * R[1, 2],
+        x * R[2, 0] + y * R[2, 1] + z * R[2, 2],
+    )
 
 
-@wp.func(inline=True)
-def look_at_packet(
-    px: lanes_f,
-    py: lanes_f,
-    pz: lanes_f,
-    qx: lanes_f,
-    qy: lanes_f,
-    qz: lanes_f,
-    square: lanes_f,
-    seen: lanes_i,
-    trail: Trail,
-    sight: Sight,
+@wp.func(inline=False)
+def look(
+    # In:
+    first: wp.int32,
     pose: wp.int32,
-):
-    """Cast the rays whose elements are in view, but for those that are stopped again.
+    view: View,
+    R: wp.mat33,
+    position: wp.vec3,
+    origin: wp.vec3,
+    R_gt: wp.mat33,
+    n: wp.vec3i,
+    clearance_address: wp.uint64,
+    inv_voxel_size: wp.float32,
+    gap: wp.float32,
+    room: wp.int32,
+    used: wp.int32,
+    # In and out:
+    slots: wp.uint64,
+    line: wp.uint64,
+) -> wp.int32:
+    """Put the rays of one pose to sixteen elements in line, but for those that cannot change an answer.
+
+    Args:
+        first: slot of the first of the elements.
+        pose, R, position, origin, R_gt: number and rotation of the estimated pose, where it stands (metres; field
+            coordinates), and rotation of the ground-truth pose.
+        view: what an image shows.
+        n, clearance_address, inv_voxel_size: of the estimate's field; address 0: it is bricked.
+        gap: see `blocked_again`.
+        room: numbers in a row of `slots`.
+        used: rays in line before.
+        slots: see `association_slots`.
+        line: see `ray_line`.
 
     Returns:
-        Which elements the pose sees, the field cells x, y, z of the first predicted voxels, and the trail.
+        How many rays are in line.
     """
-    R = sight.poses.est_rotation[pose]
-    dx = qx * R[0, 0] + qy * R[0, 1] + qz * R[0, 2]
-    dy = qx * R[1, 0] + qy * R[1, 1] + qz * R[1, 2]
-    dz = qx * R[2, 0] + qy * R[2, 1] + qz * R[2, 2]
-    origin = ray_origin(sight.est, sight.poses.est_position[pose])
-    inv = sight.est.inv_voxel_size
-    n = cells_of(sight.est)
-    shot = seen
-    if not sight.est.is_bricked:  # which has no such cheap look: its rays are all cast
-        gap = sight.tolerance + 1.1 * sight.est.voxel_size
-        address = sight.est.clearance_address
-        blocked = blocked_again(trail, address, n, origin, dx * inv, dy * inv, dz * inv, square, gap)
-        shot = seen - wp.cw_mul(seen, blocked)
-    hit = lanes_i()
-    x = lanes_i()
-    y = lanes_i()
-    z = lanes_i()
-    if any_of(shot):
-        active = floats_of(shot)
-        # Here and not in cast_packet: the struct is copied for a bricked field alone.
-        ox = lanes_f(origin[0])
-        oy = lanes_f(origin[1])
-        oz = lanes_f(origin[2])
-        if sight.est.is_bricked:
-            x, y, z = cast_bricked_packet(sight.est, ox, oy, oz, dx, dy, dz, active)
-        else:
-            x, y, z = cast_dense_packet(sight.est.clearance_address, n, ox, oy, oz, dx, dy, dz, active)
-        fx = lanes_f(x)
-        fy = lanes_f(y)
-        fz = lanes_f(z)
-        tolerance = sight.tolerance
-        size = sight.est.voxel_size
-        offset = lanes_f(sight.est.center_offset)
-        gx = (fx + lanes_f(float(sight.est.lower[0])) + offset) * size - px  # cell_center, lane by lane
-        gy = (fy + lanes_f(float(sight.est.lower[1])) + offset) * size - py
-        gz = (fz + lanes_f(float(sight.est.lower[2])) + offset) * size - pz
-        inside = wp.cw_mul(are_in_field(n, x, y, z), shot)
-        for k in range(16):
-            hit[k] = is_near(tolerance, gx[k], gy[k], gz[k]) & inside[k]
-        half = lanes_f(0.5)
-        trail.x = chosen(shot, fx + half, trail.x)
-        trail.y = chosen(shot, fy + half, trail.y)
-        trail.z = chosen(shot, fz + half, trail.z)
-    return hit, x, y, z, trail
-
-
-@wp.func(inline=True)
-def cull_brick(bricks: Bricks, sight: Sight, brick: wp.int32, lists: PoseLists) -> wp.int32:
-    """List the poses that may see a brick; gives how many."""
-    poses = sight.poses.est_position.shape[0]
-    inv = sight.est.inv_voxel_size
-    return cull_poses(bricks.low[brick], bricks.high[brick], sight.blocks, poses, sight.view, inv, lists)
-
-
-@wp.struct
-class Rows:
-    """Memory of one launch for what poses see of packets, a row for each pair of which something is to be kept."""
-
-    used: wp.array(dtype=wp.int32)  # (1,)
-    place: wp.array(dtype=wp.int32)  # where the packet begins
-    pose: wp.array(dtype=wp.int32)
-    est_voxel: wp.array(dtype=lanes_i)
-    gt_voxel: wp.array(dtype=lanes_i)  # -1: no correspondence
+    px = floats_at(slots, SLOT_X * room + first)
+    py = floats_at(slots, (SLOT_X + 1) * room + first)
+    pz = floats_at(slots, (SLOT_X + 2) * room + first)
+    best = floats_at(slots, SLOT_BEST * room + first)
+    best_pose = ints_at(slots, SLOT_POSE * room + first)
+    square, qx, qy, qz, seen = _rays_to(px, py, pz, view, R, position, inv_voxel_size)
+    for k in range(16):
+        tie = flag(square[k] == best[k]) & flag(pose < best_pose[k])
+        seen[k] = seen[k] & (flag(square[k] < best[k]) | tie)
+    if any_of(seen):
+        put(slots, SLOT_STATUS * room + first, ints_at(slots, SLOT_STATUS * room + first) | seen)
+        dx, dy, dz = _to_map(R, qx, qy, qz)
+        shot = seen
+        if clearance_address != wp.uint64(0):  # a bricked field has no such cheap look: its rays are all cast
+            tx = floats_at(slots, SLOT_TRAIL * room + first)
+            ty = floats_at(slots, (SLOT_TRAIL + 1) * room + first)
+            tz = floats_at(slots, (SLOT_TRAIL + 2) * room + first)
+            inv = inv_voxel_size
+            blocked = blocked_again(tx, ty, tz, clearance_address, n, origin, dx * inv, dy * inv, dz * inv, square, gap)
+            shot = seen - wp.cw_mul(seen, blocked)
+        if any_of(shot):
+            gx, gy, gz = _to_map(R_gt, qx, qy, qz)
+            # Every lane is written, and the next one over it if it is not shot: no branch.
+            for k in range(16):
+                put(line, LINE_ORIGIN + used, origin[0])
+                put(line, LINE_ORIGIN + LINE_ROOM + used, origin[1])
+                put(line, LINE_ORIGIN + 2 * LINE_ROOM + used, origin[2])
+                put(line, LINE_DIRECTION + used, dx[k])
+                put(line, LINE_DIRECTION + LINE_ROOM + used, dy[k])
+                put(line, LINE_DIRECTION + 2 * LINE_ROOM + used, dz[k])
+                put(line, OWNER_SLOT + used, first + k)
+                put(line, OWNER_POSE + used, pose)
+                put(line, OWNER_SQUARE + used, square[k])
+                put(line, OWNER_WAY + used, gx[k])
+                put(line, OWNER_WAY + LINE_ROOM + used, gy[k])
+                put(line, OWNER_WAY + 2 * LINE_ROOM + used, gz[k])
+                used += shot[k]
+    return used

@@ -6,10 +6,8 @@ import warp as wp
 
 from maomaps_warp.kernels.association_rules import flag
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.voxel_rays import lanes_f, lanes_i
-
-#: Longer than any field, and all bits of an index but its sign.
-_MANY = wp.constant(0x7FFFFFFF)
+from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
+from maomaps_warp.kernels.ray_packets import look_up
 
 
 @wp.func(inline=True)
@@ -38,18 +36,11 @@ def cells_of(field: DistanceField) -> wp.vec3i:
     return wp.vec3i(field.nx, field.ny, field.nz)
 
 
-@wp.struct
-class Trail:
-    """Where the rays of a packet were last stopped: points in cells of the predicted map, field coordinates."""
-
-    x: lanes_f
-    y: lanes_f
-    z: lanes_f
-
-
-@wp.func(inline=False)
+@wp.func(inline=True)
 def blocked_again(
-    trail: Trail,
+    trail_x: lanes_f,
+    trail_y: lanes_f,
+    trail_z: lanes_f,
     clearance_address: wp.uint64,
     n: wp.vec3i,
     origin: wp.vec3,
@@ -64,7 +55,7 @@ def blocked_again(
     A point of the ray in an occupied cell, not too near to its faces, proves that the ray ends there or before.
 
     Args:
-        trail: where to look.
+        trail_x, trail_y, trail_z: where to look, field coordinates.
         clearance_address, n: of a dense field.
         origin, dx, dy, dz: the rays, to their elements, field coordinates.
         square: squared lengths of the rays, square metres.
@@ -73,9 +64,9 @@ def blocked_again(
     reach = wp.max(wp.max(wp.abs(origin[0]), wp.abs(origin[1])), wp.abs(origin[2]))
     reach = wp.max(reach, float(wp.max(n[0], wp.max(n[1], n[2]))))
     margin = 1.0e-3 + 4.0e-6 * reach
-    bx = trail.x - lanes_f(origin[0])
-    by = trail.y - lanes_f(origin[1])
-    bz = trail.z - lanes_f(origin[2])
+    bx = trail_x - lanes_f(origin[0])
+    by = trail_y - lanes_f(origin[1])
+    bz = trail_z - lanes_f(origin[2])
     along = wp.cw_mul(bx, dx) + wp.cw_mul(by, dy) + wp.cw_mul(bz, dz)
     length = wp.cw_mul(dx, dx) + wp.cw_mul(dy, dy) + wp.cw_mul(dz, dz)
     t = lanes_f()
@@ -100,14 +91,8 @@ def blocked_again(
         sure[k] = middle & before
     sure = wp.cw_mul(sure, are_in_field(n, cx, cy, cz))
     if any_of(sure):
-        # The first cell where nothing is to be looked up. Of the bare address, as in cast_packet.
-        at = wp.cw_mul(sure, cz + (cy + cx * n[1]) * n[2])
-        element = (at >> lanes_i(3)) & lanes_i(_MANY)
-        clearance = wp.array(ptr=clearance_address, shape=(_MANY,), dtype=wp.int32)
-        eight = lanes_i()
-        for k in range(16):
-            eight[k] = clearance[element[k]]
-        r = (eight >> ((at & lanes_i(7)) << lanes_i(2))) & lanes_i(15)
+        # The first cell where nothing is to be looked up.
+        r = look_up(clearance_address, wp.cw_mul(sure, cz + (cy + cx * n[1]) * n[2]))
         for k in range(16):
             sure[k] = sure[k] & flag(r[k] == 0)
     return sure

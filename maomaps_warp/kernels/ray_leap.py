@@ -86,7 +86,7 @@ def ones(a: lanes_f) -> lanes_f:
     return lanes_f(1.0)
 
 
-@wp.func
+@wp.func(inline=True)
 def leap(
     x: Any,
     y: Any,

@@ -16,7 +16,7 @@ _LEAST_DIRECTION = wp.constant(wp.float32(1.0e-18))
 _MOST_DIRECTION = wp.constant(wp.float32(1.0e18))
 
 
-@wp.func
+@wp.func(inline=True)
 def mirrored(o: wp.float32, d: wp.float32, largest: wp.float32, n: wp.int32):
     """Origin, direction and its inverse along an axis of `n` cells, mirrored where the ray runs down."""
     up_o = wp.where(d < 0.0, wp.float32(n) - o, o)
@@ -24,7 +24,7 @@ def mirrored(o: wp.float32, d: wp.float32, largest: wp.float32, n: wp.int32):
     return up_o, up_d, 1.0 / up_d
 
 
-@wp.func
+@wp.func(inline=True)
 def mirrored(o: lanes_f, d: lanes_f, largest: lanes_f, n: wp.int32):
     up_d = larger(wp.abs(d), largest * _LEAST_SLOPE)
     up_o = lanes_f()

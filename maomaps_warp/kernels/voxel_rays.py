@@ -25,13 +25,15 @@ from maomaps_warp.kernels.distance_field import DistanceField, check_field, clea
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, larger, leap
+from maomaps_warp.kernels.ray_packets import cast_dense_packet, cast_dense_packets
 from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_within, mirrored, unmirrored
 
 # Loops over lanes are left to LLVM, see `modules`.
 wp.set_module_options(OPTIONS)
 wp.set_module_options({"max_unroll": 1})
 
-_ALL_BUT_SIGN = wp.constant(0x7FFFFFFF)
+#: Rays of two packets, which take turns (see `ray_packets`).
+TWO_PACKETS = wp.constant(32)
 
 
 @wp.func
@@ -70,83 +72,6 @@ def cast_ray(field: DistanceField, origin: wp.vec3, direction: wp.vec3) -> wp.ve
             r = wp.float32(clearance_at(field, cell[0], cell[1], cell[2]))
             x, y, z = leap(x, y, z, r, ox, oy, oz, dx, dy, dz, ix, iy, iz)
     return cell
-
-
-@wp.func(inline=False)
-def cast_dense_packet(
-    clearance_address: wp.uint64,
-    n: wp.vec3i,
-    ox: lanes_f,
-    oy: lanes_f,
-    oz: lanes_f,
-    dx: lanes_f,
-    dy: lanes_f,
-    dz: lanes_f,
-    active: lanes_f,
-):
-    """`cast_packet` of a dense field of `n` cells."""
-    largest = larger(wp.abs(dx), larger(wp.abs(dy), wp.abs(dz)))
-    px, ex, ix = mirrored(ox, dx, largest, n[0])
-    py, ey, iy = mirrored(oy, dy, largest, n[1])
-    pz, ez, iz = mirrored(oz, dz, largest, n[2])
-    casts = lanes_f()
-    outside = lanes_f()
-    # Whole numbers are summed up: with floats, whose order counts, the loop would not become vector operations.
-    strays = wp.int32(0)
-    for lane in range(LANES):
-        casts[lane] = wp.where(active[lane] != 0.0, is_direction(dx[lane], dy[lane], dz[lane], largest[lane]), 0.0)
-        within = is_within(px[lane], n[0]) * is_within(py[lane], n[1]) * is_within(pz[lane], n[2])
-        outside[lane] = casts[lane] * (1.0 - within)
-        strays = strays | wp.int32(outside[lane])
-    if strays != 0:
-        for lane in range(LANES):
-            if outside[lane] != 0.0:
-                entered = enter(n, wp.vec3(px[lane], py[lane], pz[lane]), wp.vec3(ex[lane], ey[lane], ez[lane]))
-                px[lane] = entered[0]
-                py[lane] = entered[1]
-                pz[lane] = entered[2]
-                casts[lane] = wp.where(entered[0] != 0.0, 1.0, 0.0)
-    # Where a ray's cell lies in memory: base + x * along_x + y * along_y + z * along_z; the first byte for idle lanes.
-    x = lanes_f()
-    y = lanes_f()
-    z = lanes_f()
-    base = lanes_i()
-    along_x = lanes_i()
-    along_y = lanes_i()
-    along_z = lanes_i()
-    for lane in range(LANES):
-        x[lane] = first_cell(px[lane], n[0])
-        y[lane] = first_cell(py[lane], n[1])
-        z[lane] = first_cell(pz[lane], n[2])
-        used = wp.int32(casts[lane])
-        along_x[lane] = wp.where(dx[lane] < 0.0, -used, used) * n[2] * n[1]
-        along_y[lane] = wp.where(dy[lane] < 0.0, -used, used) * n[2]
-        along_z[lane] = wp.where(dz[lane] < 0.0, -used, used)
-        corner = unmirrored(0, dx[lane], n[0]) * n[1] + unmirrored(0, dy[lane], n[1])
-        base[lane] = used * (corner * n[2] + unmirrored(0, dz[lane], n[2]))
-    # Of the bare address: a Warp array asks at each element for the sign of the index and for its stride.
-    clearance = wp.array(ptr=clearance_address, shape=(_ALL_BUT_SIGN,), dtype=wp.int32)
-    eight = lanes_i()
-    longest = wp.int32(1)
-    while longest != 0:
-        at = base + wp.cw_mul(lanes_i(x), along_x) + wp.cw_mul(lanes_i(y), along_y) + wp.cw_mul(lanes_i(z), along_z)
-        element = (at >> lanes_i(3)) & lanes_i(_ALL_BUT_SIGN)
-        for lane in range(LANES):
-            eight[lane] = clearance[element[lane]]
-        cells = (eight >> ((at & lanes_i(7)) << lanes_i(2))) & lanes_i(15)
-        x, y, z = leap(x, y, z, lanes_f(cells), px, py, pz, ex, ey, ez, ix, iy, iz)
-        longest = wp.int32(0)
-        for lane in range(LANES):
-            longest = longest | cells[lane]
-    cell_x = lanes_i()
-    cell_y = lanes_i()
-    cell_z = lanes_i()
-    for lane in range(LANES):
-        used = wp.int32(casts[lane])
-        cell_x[lane] = used * unmirrored(wp.int32(x[lane]), dx[lane], n[0])
-        cell_y[lane] = used * unmirrored(wp.int32(y[lane]), dy[lane], n[1])
-        cell_z[lane] = used * unmirrored(wp.int32(z[lane]), dz[lane], n[2])
-    return cell_x, cell_y, cell_z
 
 
 @wp.func(inline=False)
@@ -201,23 +126,39 @@ def cast_packet(
 
 
 @wp.func(inline=True)
-def cast_packet(field: DistanceField, origin: wp.vec3, dx: lanes_f, dy: lanes_f, dz: lanes_f, active: lanes_f):
-    """The same, with one origin for all rays."""
-    x, y, z = cast_packet(field, lanes_f(origin[0]), lanes_f(origin[1]), lanes_f(origin[2]), dx, dy, dz, active)
-    return x, y, z
-
-
-@wp.kernel
-def _cast_packets_kernel(
-    # In:
-    start: wp.int32,
+def cast_packets(
     field: DistanceField,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    # Out:
-    out_voxel: wp.array(dtype=wp.int32),
+    ox: lanes_f,
+    oy: lanes_f,
+    oz: lanes_f,
+    dx: lanes_f,
+    dy: lanes_f,
+    dz: lanes_f,
+    active: lanes_f,
+    ox2: lanes_f,
+    oy2: lanes_f,
+    oz2: lanes_f,
+    dx2: lanes_f,
+    dy2: lanes_f,
+    dz2: lanes_f,
+    active2: lanes_f,
 ):
-    first = LANES * (start + wp.tid())
+    """Two packets at once, which takes a third less time than one after the other: lanes_i x, y, z, x2, y2, z2."""
+    x, y, z, x2, y2, z2 = lanes_i(), lanes_i(), lanes_i(), lanes_i(), lanes_i(), lanes_i()
+    if field.is_bricked:
+        x, y, z = cast_bricked_packet(field, ox, oy, oz, dx, dy, dz, active)
+        x2, y2, z2 = cast_bricked_packet(field, ox2, oy2, oz2, dx2, dy2, dz2, active2)
+    else:
+        n = wp.vec3i(field.nx, field.ny, field.nz)
+        x, y, z, x2, y2, z2 = cast_dense_packets(
+            field.clearance_address, n, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2
+        )
+    return x, y, z, x2, y2, z2
+
+
+@wp.func(inline=True)
+def _load_rays(field: DistanceField, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), first: int):
+    """Sixteen rays from `first` on, as `cast_packet` takes them; beyond the last there are none."""
     last = origins.shape[0] - 1
     ox = lanes_f()
     oy = lanes_f()
@@ -237,9 +178,28 @@ def _cast_packets_kernel(
         dy[lane] = direction[1]
         dz[lane] = direction[2]
         active[lane] = wp.where(first + lane <= last, 1.0, 0.0)
-    x, y, z = cast_packet(field, ox, oy, oz, dx, dy, dz, active)
-    for lane in range(wp.min(wp.int32(LANES), last + 1 - first)):
+    return ox, oy, oz, dx, dy, dz, active
+
+
+@wp.kernel
+def _cast_packets_kernel(
+    # In:
+    start: wp.int32,
+    field: DistanceField,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    # Out:
+    out_voxel: wp.array(dtype=wp.int32),
+):
+    first = TWO_PACKETS * (start + wp.tid())
+    second = first + LANES
+    ox, oy, oz, dx, dy, dz, active = _load_rays(field, origins, directions, first)
+    ox2, oy2, oz2, dx2, dy2, dz2, active2 = _load_rays(field, origins, directions, second)
+    x, y, z, x2, y2, z2 = cast_packets(field, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2)
+    for lane in range(wp.min(wp.int32(LANES), origins.shape[0] - first)):
         out_voxel[first + lane] = voxel_at(field, x[lane], y[lane], z[lane])
+    for lane in range(wp.min(wp.int32(LANES), origins.shape[0] - second)):
+        out_voxel[second + lane] = voxel_at(field, x2[lane], y2[lane], z2[lane])
 
 
 @wp.kernel
@@ -289,7 +249,7 @@ def cast_voxel_rays(
     in_packets = packets and device.is_cpu
     launch_ranges(
         _cast_packets_kernel if in_packets else _cast_rays_kernel,
-        -(-len(origins) // LANES) if in_packets else len(origins),
+        -(-len(origins) // int(TWO_PACKETS)) if in_packets else len(origins),
         inputs=[field, origins, directions],
         outputs=[out_voxel],
         device=device,

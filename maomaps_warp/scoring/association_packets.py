@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.mapping.distance_field import VoxelField
-from maomaps_warp.scoring.association_search import Found, found_of, pose_pairs, view_of
+from maomaps_warp.scoring.association_search import Found, pose_pairs, view_of
 from maomaps_warp.scoring.element_bricks import ElementBricks, sort_into_bricks
 from maomaps_warp.threads import thread_count
 
@@ -23,10 +23,8 @@ _FIRST_CHUNK = 64
 _CHUNKS_PER_THREAD = 7
 #: Elements of a chunk: enough that bricks are whole, few enough that progress is told.
 _CHUNK_POINTS = (1 << 11, 1 << 15)
-#: Most pairs of a packet and a pose for which a launch has room; 136 bytes each, touched only where something is found.
-_CHUNK_ROWS = 1 << 20
-#: Elements of a packet.
-_PACKET = 16
+#: Most correspondences for which a launch has room; 16 bytes each, touched only where something is found.
+_MOST_PAIRS = 1 << 24
 
 
 class PacketSearch:
@@ -43,6 +41,7 @@ class PacketSearch:
     ) -> None:
         import warp as wp
 
+        from maomaps_warp.kernels import association_rules as kinds
         from maomaps_warp.kernels.association_sight import Sight
         from maomaps_warp.kernels.ray_leap import lanes_f
 
@@ -53,6 +52,11 @@ class PacketSearch:
         self.sight.view = view_of(rules)
         self.sight.est, self.sight.gt = est.field, gt.field
         self.sight.tolerance = rules.occlusion_tolerance
+        for side, field in (("est", est.field), ("gt", gt.field)):
+            origins = ray_origins(field, getattr(self.sight.poses, f"{side}_position").numpy())
+            setattr(self.sight, f"{side}_origin", wp.array(origins, dtype=wp.vec3, device="cpu"))
+        choices = {"nearest": kinds.NEAREST, "first": kinds.FIRST, "last": kinds.LAST, "all": kinds.EVERY}
+        self.choice = int(choices[rules.pose_choice])
         self._own = threading.local()
 
     def chunks(self) -> list[slice]:
@@ -64,52 +68,40 @@ class PacketSearch:
 
     def run(self, rows: slice) -> tuple[NDArray[np.int32], Found]:
         """Best status (n,) of the elements in `rows`, and their correspondences."""
-        columns = tuple((self.elements[rows, a] - self.grid.origin[a]).astype(np.float32) for a in range(3))
-        bricks = sort_into_bricks(columns, self.grid.voxel_size)
-        if self.rules.pose_choice != "all":
-            return self._one_pose(rows, bricks)
-        return self._every_pose(rows, bricks)
-
-    def _one_pose(self, rows: slice, bricks: ElementBricks) -> tuple[NDArray[np.int32], Found]:
-        from maomaps_warp.kernels import association_packets as kernels
-
-        choice = {"nearest": kernels.NEAREST, "first": kernels.FIRST, "last": kernels.LAST}[self.rules.pose_choice]
-        outs = kernels.associate_packets(_kernel_bricks(bricks), self.sight, int(choice), len(bricks.order))
-        status, pose, est_voxel, gt_voxel = (out.numpy() for out in outs)
-        return status, found_of(rows.start, pose, est_voxel, gt_voxel)
-
-    def _every_pose(self, rows: slice, bricks: ElementBricks) -> tuple[NDArray[np.int32], Found]:
         import warp as wp
 
         from maomaps_warp.kernels import association_packets as kernels
 
-        if bricks.packets * self.poses > _CHUNK_ROWS and rows.stop - rows.start > _PACKET:
+        count = rows.stop - rows.start
+        most = count * (self.poses if self.rules.pose_choice == "all" else 1)
+        if most > _MOST_PAIRS and count > 1:
             middle = (rows.start + rows.stop) // 2
             halves = [self.run(slice(rows.start, middle)), self.run(slice(middle, rows.stop))]
             status = np.concatenate([half[0] for half in halves])
             return status, Found(*(np.concatenate(columns) for columns in zip(*(h[1] for h in halves), strict=True)))
-        on_device = _kernel_bricks(bricks)
-        rows_found = self._room_for(bricks.packets * self.poses)
-        statuses, counts = kernels.associate_packets_all(on_device, self.sight, rows_found, len(bricks.order))
-        count = counts.numpy()
-        first = wp.array(np.cumsum(count, dtype=np.int32) - count, dtype=wp.int32, device="cpu")
-        outs = kernels.collect_rows(rows_found, on_device, rows.start, first, int(count.sum()))
+        columns = tuple((self.elements[rows, a] - self.grid.origin[a]).astype(np.float32) for a in range(3))
+        bricks = _kernel_bricks(sort_into_bricks(columns, self.grid.voxel_size))
+        pairs = self._room_for(most)
+        statuses, counts = kernels.associate_packets(bricks, self.sight, self.choice, count, pairs)
+        ends = np.cumsum(counts.numpy(), dtype=np.int32)
+        first = wp.array(ends - counts.numpy(), dtype=wp.int32, device="cpu")
+        outs = kernels.in_order(pairs, rows.start, first)
         return statuses.numpy(), Found(*(out.numpy() for out in outs))
 
-    def _room_for(self, rows: int) -> Any:
-        """Rows of this thread, made once: fresh memory costs more to touch than to fill."""
-        from maomaps_warp.kernels.association_packets import create_rows
+    def _room_for(self, pairs: int) -> Any:
+        """Memory of this thread, made once: fresh memory costs more to touch than to fill."""
+        from maomaps_warp.kernels.association_packets import create_pairs
 
-        if getattr(self._own, "room", -1) < rows:
-            self._own.room = max(rows, _CHUNK_ROWS)
-            self._own.rows = create_rows(self._own.room)
-        return self._own.rows
+        if getattr(self._own, "room", -1) < pairs:
+            self._own.room = pairs
+            self._own.pairs = create_pairs(pairs)
+        return self._own.pairs
 
 
 def _kernel_bricks(bricks: ElementBricks) -> Any:
     import warp as wp
 
-    from maomaps_warp.kernels.association_sight import Bricks
+    from maomaps_warp.kernels.association_bricks import Bricks
 
     low, high = bricks.boxes()
     on_device = Bricks()
@@ -120,6 +112,12 @@ def _kernel_bricks(bricks: ElementBricks) -> Any:
     )
     on_device.element = wp.array(bricks.order.astype(np.int32), dtype=wp.int32, device="cpu")
     return on_device
+
+
+def ray_origins(field: Any, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Positions (P, 3), metres relative to the grid's origin, in field coordinates: the kernels' `ray_origin`."""
+    shift = np.array(field.origin_shift, dtype=np.float64)
+    return (positions.astype(np.float64) * float(field.origin_scale) + shift).astype(np.float32)
 
 
 def _pose_blocks(

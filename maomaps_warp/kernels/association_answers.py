@@ -1,0 +1,221 @@
+"""What rays found, and what follows from it: a hit of the estimate's map is transferred, a transferred one is kept."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from maomaps_warp.kernels.association_rules import EVERY, NEAREST, VISIBLE, is_near
+from maomaps_warp.kernels.association_sight import (
+    OWNER_POSE,
+    OWNER_SLOT,
+    OWNER_SQUARE,
+    OWNER_WAY,
+    Sight,
+)
+from maomaps_warp.kernels.association_slots import (
+    SLOT_BEST,
+    SLOT_CELL,
+    SLOT_ELEMENT,
+    SLOT_POSE,
+    SLOT_STATUS,
+    SLOT_TRAIL,
+    SLOT_WAY,
+    SLOT_X,
+)
+from maomaps_warp.kernels.association_trail import are_in_field, cells_of
+from maomaps_warp.kernels.distance_field import voxel_at
+from maomaps_warp.kernels.lane_memory import float_at, int_at, ints_at, put
+from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
+from maomaps_warp.kernels.ray_line import LINE_CELL, LINE_DIRECTION, LINE_FULL, LINE_ORIGIN, LINE_ROOM, cast_line
+
+# What the answer to a transferred ray is for, in a line of `ray_line`.
+_OWNER_ELEMENT = wp.constant(6 * 48)
+_OWNER_POSE = wp.constant(7 * 48)
+_OWNER_CELL = wp.constant(8 * 48)  # x, y, z: field cell of the first predicted voxel
+
+
+@wp.struct
+class Pairs:
+    """Correspondences of a launch, in the order in which they are found: of one element, in that of its poses."""
+
+    used: wp.array(dtype=wp.int32)  # (1,) how many
+    element: wp.array(dtype=wp.int32)
+    pose: wp.array(dtype=wp.int32)
+    est_voxel: wp.array(dtype=wp.int32)
+    gt_voxel: wp.array(dtype=wp.int32)
+
+
+@wp.func(inline=False)
+def keep_transferred(
+    line: wp.uint64, used: wp.int32, sight: Sight, out_count: wp.array(dtype=wp.int32), out_pairs: Pairs
+):
+    """Cast all of the at most 32 transferred rays in line, and keep the correspondences."""
+    cast_line(line, used, sight.gt)
+    pair = out_pairs.used[0]
+    for ray in range(used):
+        gt_voxel = voxel_at(
+            sight.gt,
+            int_at(line, LINE_CELL + ray),
+            int_at(line, LINE_CELL + LINE_ROOM + ray),
+            int_at(line, LINE_CELL + 2 * LINE_ROOM + ray),
+        )
+        if gt_voxel >= 0:
+            element = int_at(line, _OWNER_ELEMENT + ray)
+            out_count[element] = out_count[element] + 1
+            out_pairs.element[pair] = element
+            out_pairs.pose[pair] = int_at(line, _OWNER_POSE + ray)
+            out_pairs.est_voxel[pair] = voxel_at(
+                sight.est,
+                int_at(line, _OWNER_CELL + ray),
+                int_at(line, _OWNER_CELL + LINE_ROOM + ray),
+                int_at(line, _OWNER_CELL + 2 * LINE_ROOM + ray),
+            )
+            out_pairs.gt_voxel[pair] = gt_voxel
+            pair += 1
+    out_pairs.used[0] = pair
+
+
+@wp.func(inline=True)
+def transfer(
+    # In:
+    element: wp.int32,
+    pose: wp.int32,
+    x: wp.int32,
+    y: wp.int32,
+    z: wp.int32,
+    way_x: wp.float32,
+    way_y: wp.float32,
+    way_z: wp.float32,
+    used: wp.int32,
+    sight: Sight,
+    # In and out:
+    line: wp.uint64,
+    # Out:
+    out_count: wp.array(dtype=wp.int32),
+    out_pairs: Pairs,
+) -> wp.int32:
+    """Put the ray of an element, as its ground-truth pose casts it, in line; gives how many are in line.
+
+    Args:
+        element: where its answer goes.
+        pose: which pair of poses.
+        x, y, z: field cell of the first predicted voxel.
+        way_x, way_y, way_z: direction, map frame.
+        used, line: transferred rays in line.
+    """
+    origin = sight.gt_origin[pose]
+    put(line, LINE_ORIGIN + used, origin[0])
+    put(line, LINE_ORIGIN + LINE_ROOM + used, origin[1])
+    put(line, LINE_ORIGIN + 2 * LINE_ROOM + used, origin[2])
+    put(line, LINE_DIRECTION + used, way_x)
+    put(line, LINE_DIRECTION + LINE_ROOM + used, way_y)
+    put(line, LINE_DIRECTION + 2 * LINE_ROOM + used, way_z)
+    put(line, _OWNER_ELEMENT + used, element)
+    put(line, _OWNER_POSE + used, pose)
+    put(line, _OWNER_CELL + used, x)
+    put(line, _OWNER_CELL + LINE_ROOM + used, y)
+    put(line, _OWNER_CELL + 2 * LINE_ROOM + used, z)
+    used += 1
+    if used == LINE_FULL:
+        keep_transferred(line, used, sight, out_count, out_pairs)
+        used = 0
+    return used
+
+
+@wp.func(inline=True)
+def _near(line: wp.uint64, first: wp.int32, sight: Sight, room: wp.int32, slots: wp.uint64) -> lanes_i:
+    """Which of sixteen rays met a voxel near enough to their element: the pose sees it."""
+    x = ints_at(line, LINE_CELL + first)
+    y = ints_at(line, LINE_CELL + LINE_ROOM + first)
+    z = ints_at(line, LINE_CELL + 2 * LINE_ROOM + first)
+    slot = ints_at(line, OWNER_SLOT + first)
+    px = lanes_f()
+    py = lanes_f()
+    pz = lanes_f()
+    for k in range(16):
+        px[k] = float_at(slots, SLOT_X * room + slot[k])
+        py[k] = float_at(slots, (SLOT_X + 1) * room + slot[k])
+        pz[k] = float_at(slots, (SLOT_X + 2) * room + slot[k])
+    tolerance = sight.tolerance
+    size = sight.est.voxel_size
+    offset = lanes_f(sight.est.center_offset)
+    gx = (lanes_f(x) + lanes_f(float(sight.est.lower[0])) + offset) * size - px  # cell_center, lane by lane
+    gy = (lanes_f(y) + lanes_f(float(sight.est.lower[1])) + offset) * size - py
+    gz = (lanes_f(z) + lanes_f(float(sight.est.lower[2])) + offset) * size - pz
+    inside = are_in_field(cells_of(sight.est), x, y, z)
+    near = lanes_i()
+    for k in range(16):
+        near[k] = is_near(tolerance, gx[k], gy[k], gz[k]) & inside[k]
+    return near
+
+
+@wp.func(inline=False)
+def settle(
+    # In:
+    used: wp.int32,
+    gt_used: wp.int32,
+    sight: Sight,
+    choice: wp.int32,
+    room: wp.int32,
+    # In and out:
+    slots: wp.uint64,
+    line: wp.uint64,
+    gt_line: wp.uint64,
+    # Out:
+    out_count: wp.array(dtype=wp.int32),
+    out_pairs: Pairs,
+) -> wp.int32:
+    """Cast the first 32 of `used` rays in line (or all, if they are fewer), and let their slots know what they met.
+
+    Returns:
+        How many transferred rays are in line; before it were `gt_used`.
+    """
+    cast_line(line, used, sight.est)
+    for half in range(2):
+        first = 16 * half
+        near = _near(line, first, sight, room, slots)
+        for k in range(wp.min(used - first, 16)):
+            ray = first + k
+            slot = int_at(line, OWNER_SLOT + ray)
+            x = int_at(line, LINE_CELL + ray)
+            y = int_at(line, LINE_CELL + LINE_ROOM + ray)
+            z = int_at(line, LINE_CELL + 2 * LINE_ROOM + ray)
+            put(slots, SLOT_TRAIL * room + slot, float(x) + 0.5)
+            put(slots, (SLOT_TRAIL + 1) * room + slot, float(y) + 0.5)
+            put(slots, (SLOT_TRAIL + 2) * room + slot, float(z) + 0.5)
+            if near[k] != 0:
+                pose = int_at(line, OWNER_POSE + ray)
+                square = float_at(line, OWNER_SQUARE + ray)
+                way_x = float_at(line, OWNER_WAY + ray)
+                way_y = float_at(line, OWNER_WAY + LINE_ROOM + ray)
+                way_z = float_at(line, OWNER_WAY + 2 * LINE_ROOM + ray)
+                best = float_at(slots, SLOT_BEST * room + slot)
+                if choice == EVERY:
+                    put(slots, SLOT_STATUS * room + slot, VISIBLE)
+                    gt_used = transfer(
+                        int_at(slots, SLOT_ELEMENT * room + slot),
+                        pose,
+                        x,
+                        y,
+                        z,
+                        way_x,
+                        way_y,
+                        way_z,
+                        gt_used,
+                        sight,
+                        gt_line,
+                        out_count,
+                        out_pairs,
+                    )
+                elif square < best or (square == best and pose < int_at(slots, SLOT_POSE * room + slot)):
+                    if choice != NEAREST:
+                        square = -1.0  # the first that sees it: no other is wanted
+                    put(slots, SLOT_BEST * room + slot, square)
+                    put(slots, SLOT_POSE * room + slot, pose)
+                    put(slots, SLOT_CELL * room + slot, x)
+                    put(slots, (SLOT_CELL + 1) * room + slot, y)
+                    put(slots, (SLOT_CELL + 2) * room + slot, z)
+                    put(slots, SLOT_WAY * room + slot, way_x)
+                    put(slots, (SLOT_WAY + 1) * room + slot, way_y)
+                    put(slots, (SLOT_WAY + 2) * room + slot, way_z)
+    return gt_used

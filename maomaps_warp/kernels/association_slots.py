@@ -1,0 +1,63 @@
+"""The elements of one brick while poses look at them: a slot each, in memory of one launch.
+
+A block of memory (see `lane_memory`) of SLOT_ROWS rows; sixteen neighbours in a row are a packet. Elements that are
+answered leave, and the others close up, so that packets stay full.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from maomaps_warp.kernels.association_rules import NO_POSE, OUT_OF_VIEW
+from maomaps_warp.kernels.lane_memory import int_at, put
+
+# Rows. Places of the estimate's map are metres, relative to the grid's origin.
+SLOT_X = wp.constant(0)  # x, y, z of the element
+SLOT_BEST = wp.constant(3)  # squared distance below which a pose is wanted: inf for any, -1 for none
+SLOT_POSE = wp.constant(4)  # the best pose so far, or NO_POSE
+SLOT_CELL = wp.constant(5)  # x, y, z: field cell of the first predicted voxel that it sees
+SLOT_WAY = wp.constant(8)  # x, y, z: the ray as its ground-truth pose casts it
+SLOT_TRAIL = wp.constant(11)  # x, y, z: where the last ray was stopped, field coordinates
+SLOT_STATUS = wp.constant(14)
+SLOT_ELEMENT = wp.constant(15)  # where its answer goes
+SLOT_ROWS = 16
+_ROWS = wp.constant(16)
+
+
+@wp.func(inline=False)
+def fill_slots(
+    first: wp.int32,
+    count: wp.int32,
+    x: wp.array(dtype=wp.float32),
+    y: wp.array(dtype=wp.float32),
+    z: wp.array(dtype=wp.float32),
+    element: wp.array(dtype=wp.int32),
+    room: wp.int32,
+    slots: wp.uint64,
+):
+    """Let elements `first`, `first` + 1, ... in, `count` of them."""
+    for slot in range(count):
+        put(slots, SLOT_X * room + slot, x[first + slot])
+        put(slots, (SLOT_X + 1) * room + slot, y[first + slot])
+        put(slots, (SLOT_X + 2) * room + slot, z[first + slot])
+        put(slots, SLOT_BEST * room + slot, wp.inf)
+        put(slots, SLOT_POSE * room + slot, NO_POSE)
+        put(slots, SLOT_TRAIL * room + slot, float(0.0))
+        put(slots, (SLOT_TRAIL + 1) * room + slot, float(0.0))
+        put(slots, (SLOT_TRAIL + 2) * room + slot, float(0.0))
+        put(slots, SLOT_STATUS * room + slot, OUT_OF_VIEW)
+        put(slots, SLOT_ELEMENT * room + slot, element[first + slot])
+    want_no_more(count, room, slots)
+
+
+@wp.func(inline=True)
+def move_slot(source: wp.int32, target: wp.int32, room: wp.int32, slots: wp.uint64):
+    for row in range(_ROWS):
+        put(slots, row * room + target, int_at(slots, row * room + source))
+
+
+@wp.func(inline=True)
+def want_no_more(count: wp.int32, room: wp.int32, slots: wp.uint64):
+    """Make what lies behind the last of `count` slots, up to a full packet, want no pose."""
+    for slot in range(count, (count + 15) & -16):
+        put(slots, SLOT_BEST * room + slot, float(-1.0))

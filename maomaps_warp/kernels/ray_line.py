@@ -1,0 +1,70 @@
+"""Rays that stand in line until two packets are full.
+
+Looks leave few rays each: of sixteen elements some are out of view, some hidden for certain, some answered. A packet of
+what one look leaves would be half empty, and have nobody to take turns with (see `ray_packets`). So rays of any looks
+stand in one line, each with what its answer is for, and the first thirty-two of it are cast at once.
+
+A line is a block of memory (see `lane_memory`), LINE_FIELDS rows of LINE_ROOM numbers.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from maomaps_warp.kernels.distance_field import DistanceField
+from maomaps_warp.kernels.lane_memory import floats_at, ints_at, put
+from maomaps_warp.kernels.ray_leap import lanes_f
+from maomaps_warp.kernels.voxel_rays import cast_packets
+
+#: Rays that are cast at once.
+LINE_FULL = wp.constant(32)
+#: Rays that a line has room for: one less than are cast, and those of one look.
+LINE_ROOM = wp.constant(48)
+# Rows: the ray; what its answer is for, six numbers; the answer, the cell of the first voxel as whole numbers.
+LINE_ORIGIN = wp.constant(0)
+LINE_DIRECTION = wp.constant(3 * 48)
+LINE_OWNER = wp.constant(6 * 48)
+LINE_CELL = wp.constant(12 * 48)
+LINE_FIELDS = 15
+
+
+@wp.func(inline=True)
+def _is_used(first: wp.int32, used: wp.int32) -> lanes_f:
+    r = lanes_f()
+    for k in range(16):
+        r[k] = wp.where(first + k < used, 1.0, 0.0)
+    return r
+
+
+@wp.func(inline=False)
+def cast_line(line: wp.uint64, used: wp.int32, field: DistanceField):
+    """Cast the first 32 of `used` rays (or all, if they are fewer) and write down their cells."""
+    ox = floats_at(line, LINE_ORIGIN)
+    oy = floats_at(line, LINE_ORIGIN + LINE_ROOM)
+    oz = floats_at(line, LINE_ORIGIN + 2 * LINE_ROOM)
+    dx = floats_at(line, LINE_DIRECTION)
+    dy = floats_at(line, LINE_DIRECTION + LINE_ROOM)
+    dz = floats_at(line, LINE_DIRECTION + 2 * LINE_ROOM)
+    ox2 = floats_at(line, LINE_ORIGIN + 16)
+    oy2 = floats_at(line, LINE_ORIGIN + LINE_ROOM + 16)
+    oz2 = floats_at(line, LINE_ORIGIN + 2 * LINE_ROOM + 16)
+    dx2 = floats_at(line, LINE_DIRECTION + 16)
+    dy2 = floats_at(line, LINE_DIRECTION + LINE_ROOM + 16)
+    dz2 = floats_at(line, LINE_DIRECTION + 2 * LINE_ROOM + 16)
+    active = _is_used(0, used)
+    active2 = _is_used(16, used)
+    x, y, z, x2, y2, z2 = cast_packets(field, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2)
+    put(line, LINE_CELL, x)
+    put(line, LINE_CELL + LINE_ROOM, y)
+    put(line, LINE_CELL + 2 * LINE_ROOM, z)
+    put(line, LINE_CELL + 16, x2)
+    put(line, LINE_CELL + LINE_ROOM + 16, y2)
+    put(line, LINE_CELL + 2 * LINE_ROOM + 16, z2)
+
+
+@wp.func(inline=True)
+def move_up(line: wp.uint64, used: wp.int32) -> wp.int32:
+    """Let the rays behind the first 32 take their place; gives how many they are."""
+    for row in range(12):
+        put(line, row * LINE_ROOM, ints_at(line, row * LINE_ROOM + LINE_FULL))
+    return wp.max(used - LINE_FULL, 0)
