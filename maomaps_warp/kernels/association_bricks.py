@@ -2,7 +2,7 @@
 
 Pose after pose looks at all packets of the brick that still want one. Most elements are answered within a few looks,
 but those that no pose sees try them all, and would keep their packets going for a few lanes. So after some looks those
-that are answered leave, and the others close up; after twice as many again.
+that are answered leave, and the others close up; after three times as many again.
 
 These are functions that kernels call and not kernels, and are not inlined: Warp writes a kernel twice, for two ways to
 number its tasks, and all that is in it would be compiled twice.
@@ -14,8 +14,11 @@ import warp as wp
 
 from maomaps_warp.kernels.association_answers import Pairs, keep_transferred, settle, transfer
 from maomaps_warp.kernels.association_culling import (
+    BINS,
+    LIST_BOUND,
+    LIST_POSE,
+    LIST_ROWS,
     PoseLists,
-    create_pose_lists,
     cull_poses,
     list_by_distance,
     list_by_time,
@@ -40,7 +43,7 @@ from maomaps_warp.kernels.ray_line import LINE_FIELDS, LINE_FULL, LINE_ROOM, mov
 
 #: How many poses look at a brick, before those elements leave that are answered; and how many times more next time.
 PATIENCE = wp.constant(4)
-_LONGER = wp.constant(2)
+_LONGER = wp.constant(3)
 
 
 @wp.struct
@@ -48,8 +51,6 @@ class Bricks:
     """Elements in bricks: those of brick b are first[b] to first[b + 1] - 1; metres relative to the grid's origin."""
 
     first: wp.array(dtype=wp.int32)  # (B + 1,)
-    low: wp.array(dtype=wp.vec3)  # (B,) corners of the boxes round them
-    high: wp.array(dtype=wp.vec3)  # (B,)
     x: wp.array(dtype=wp.float32)  # (N,)
     y: wp.array(dtype=wp.float32)  # (N,)
     z: wp.array(dtype=wp.float32)  # (N,)
@@ -69,14 +70,13 @@ class Workspace:
 
 
 @wp.func(inline=True)
-def _list_poses(bricks: Bricks, sight: Sight, brick: wp.int32, choice: wp.int32, space: Workspace) -> wp.int32:
-    """List the poses that may see a brick, in the order in which they are to be tried; gives how many."""
+def _list_poses(low: wp.vec3, high: wp.vec3, sight: Sight, choice: wp.int32, lists: PoseLists) -> wp.int32:
+    """List the poses that may see into a box, in the order in which they are to be tried; gives how many."""
     poses = sight.poses.est_position.shape[0]
     inv = sight.est.inv_voxel_size
-    lists = space.lists
-    count = cull_poses(bricks.low[brick], bricks.high[brick], sight.blocks, poses, sight.view, inv, lists)
+    count = cull_poses(low, high, sight.blocks, poses, sight.view, inv, lists)
     if choice == NEAREST:
-        list_by_distance(count, 2.0 * sight.est.voxel_size, lists)
+        list_by_distance(count, lists)
     else:
         list_by_time(count, choice == LAST, lists)
     return count
@@ -125,8 +125,8 @@ def look_from_poses(
     used = int(0)
     is_wanted = bool(True)
     while rank < stop and is_wanted:
-        pose = space.lists.pose[rank]
-        bound = space.lists.bound[rank]
+        pose = int_at(space.lists.address, LIST_POSE * space.lists.room + rank)
+        bound = float_at(space.lists.address, LIST_BOUND * space.lists.room + rank)
         R = sight.poses.est_rotation[pose]
         R_gt = sight.poses.gt_rotation[pose]
         position = sight.poses.est_position[pose]
@@ -176,7 +176,7 @@ def leave(
     room = space.room
     bound = float(wp.inf)
     if rank < count:
-        bound = space.lists.bound[rank]
+        bound = float_at(space.lists.address, LIST_BOUND * space.lists.room + rank)
     left = int(0)
     for slot in range(waiting):
         if rank < count and float_at(slots, SLOT_BEST * room + slot) >= bound:
@@ -224,10 +224,10 @@ def associate_brick(
     out_pairs: Pairs,
 ):
     """Associate the elements of a brick: their status, how many correspondences each has, and those."""
-    count = _list_poses(bricks, sight, brick, choice, space)
     begin = bricks.first[brick]
     waiting = bricks.first[brick + 1] - begin
-    fill_slots(begin, waiting, bricks.x, bricks.y, bricks.z, bricks.element, space.room, space.slots)
+    low, high = fill_slots(begin, waiting, bricks.x, bricks.y, bricks.z, bricks.element, space.room, space.slots)
+    count = _list_poses(low, high, sight, choice, space.lists)
     for place in range(begin, begin + waiting):
         out_count[bricks.element[place]] = 0
     patience = int(PATIENCE)
@@ -248,12 +248,14 @@ def associate_brick(
 def create_workspace(poses: int, elements: int) -> Workspace:
     """Memory for one launch over bricks of up to so many elements, on the CPU."""
     space = Workspace()
-    space.lists = create_pose_lists(poses)
     space.room = -(-elements // 16) * 16
+    space.lists.room = -(-poses // 16) * 16 + 16
     rows, line = SLOT_ROWS * space.room, LINE_FIELDS * int(LINE_ROOM)
+    lists = LIST_ROWS * space.lists.room + int(BINS)
     # Idle lanes compute with what is there, so zeros.
-    space.memory = wp.zeros(rows + 2 * line, dtype=wp.int32, device="cpu")
+    space.memory = wp.zeros(rows + 2 * line + lists, dtype=wp.int32, device="cpu")
     space.slots = space.memory.ptr
     space.line = space.slots + 4 * rows
     space.gt_line = space.line + 4 * line
+    space.lists.address = space.gt_line + 4 * line
     return space

@@ -12,14 +12,18 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import View, flag
+from maomaps_warp.kernels.lane_memory import any_of, float_at, int_at, put
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i, smaller
 
 wp.set_module_options(OPTIONS)
 
 LANES = wp.constant(16)
-#: Distances into which poses are sorted; the last bin holds all that are further away.
+#: Squared distances are sorted by the highest bits of their float32: sixteen bins from 2^-8 to 2^-7 square metres,
+#: sixteen to 2^-6, and so on up to 2^8 (16 m); the first and the last hold all that are nearer or further away.
 BINS = wp.constant(256)
+_BIN_BITS = wp.constant(19)
+_FIRST_BIN = wp.constant((127 - 8) << 4)
 #: Rows of a block of poses: position, four normals of the view's borders, optical axis; x, y, z of each.
 BLOCK_ROWS = 18
 #: Relative error of a plane's distance that is allowed for, 30 times what five float32 operations can cause.
@@ -28,18 +32,20 @@ _ROUNDING = wp.constant(wp.float32(1.0e-5))
 
 @wp.struct
 class PoseLists:
-    """Memory of one launch in which the poses of one brick after the other are listed."""
+    """Memory of one launch (see `lane_memory`) in which the poses of one brick after the other are listed: LIST_ROWS
+    rows of `room` numbers, and BINS more."""
 
-    pose: wp.array(dtype=wp.int32)  # (P,) poses that may see the brick, in the order in which they are tried
-    bound: wp.array(dtype=wp.float32)  # (P,) square metres: neither this pose nor a later one is nearer to an element
-    culled_pose: wp.array(dtype=wp.int32)  # (P,) in order of time ...
-    culled_bound: wp.array(dtype=wp.float32)  # (P,) ... and how near each is at least
-    bins: wp.array(dtype=wp.int32)  # (BINS + 1,)
+    address: wp.uint64
+    room: wp.int32  # poses, and sixteen more
 
 
-@wp.func
-def _gap(d: lanes_f, half: wp.float32) -> lanes_f:
-    return wp.abs(d) - lanes_f(half)
+# Rows. The poses that may see the brick, in the order in which they are tried ...
+LIST_POSE = wp.constant(0)
+LIST_BOUND = wp.constant(1)  # ... and square metres: neither this pose nor a later one is nearer to an element.
+_CULLED_POSE = wp.constant(2)  # In order of time ...
+_CULLED_BOUND = wp.constant(3)  # ... and how near each is at least.
+_BINS_ROW = wp.constant(4)
+LIST_ROWS = 4
 
 
 @wp.func
@@ -72,7 +78,7 @@ def cull_poses(
         poses: how many poses the blocks hold.
         view: what an image shows.
         inv_voxel_size: 1 / metres; a camera within half a voxel of an element sees it wherever it looks.
-        out: culled_pose and culled_bound are written.
+        out: where they are listed.
     """
     center = 0.5 * (low + high)
     half = 0.5 * (high - low)
@@ -110,61 +116,60 @@ def cull_poses(
         gz = _outside(low[2], high[2], cz)
         square = wp.cw_mul(gx, gx) + wp.cw_mul(gy, gy) + wp.cw_mul(gz, gz)
         keep = lanes_i()
-        kept = int(0)
         for k in range(16):
             seen = flag(ahead[k] >= 0.0) | (flag(behind[k] >= 0.0) & both_sides)
             within = flag(gx[k] <= half_voxel) & flag(gy[k] <= half_voxel) & flag(gz[k] <= half_voxel)
-            keep[k] = (seen & flag(square[k] <= max_square)) | within
-        for k in range(16):
-            kept += keep[k]
-        if kept > 0:
+            is_pose = flag(block * LANES + k < poses)
+            keep[k] = ((seen & flag(square[k] <= max_square)) | within) & is_pose
+        if any_of(keep):
+            # Every pose is written, and the next one over it if it is not kept: no branch.
             for k in range(16):
-                pose = block * LANES + k
-                if keep[k] != 0 and pose < poses:
-                    out.culled_pose[count] = pose
-                    out.culled_bound[count] = square[k]
-                    count += 1
+                put(out.address, _CULLED_POSE * out.room + count, block * LANES + k)
+                put(out.address, _CULLED_BOUND * out.room + count, square[k])
+                count += keep[k]
     return count
 
 
 @wp.func
-def list_by_time(count: wp.int32, backwards: wp.bool, out: PoseLists):
+def list_by_time(count: wp.int32, backwards: wp.bool, lists: PoseLists):
     """List culled poses in order of time, or the other way round."""
     for rank in range(count):
         taken = rank
         if backwards:
             taken = count - 1 - rank
-        out.pose[rank] = out.culled_pose[taken]
-        out.bound[rank] = 0.0
+        put(lists.address, LIST_POSE * lists.room + rank, int_at(lists.address, _CULLED_POSE * lists.room + taken))
+        put(lists.address, LIST_BOUND * lists.room + rank, float(0.0))
+
+
+@wp.func(inline=True)
+def _bin_of(bits: wp.int32) -> wp.int32:
+    return wp.clamp((bits >> _BIN_BITS) - _FIRST_BIN, 0, BINS - 1)
 
 
 @wp.func
-def list_by_distance(count: wp.int32, bin_width: wp.float32, out: PoseLists):
-    """List culled poses by the distance bin of their bound, in order of time within a bin."""
-    for b in range(BINS + 1):
-        out.bins[b] = 0
-    for rank in range(count):
-        b = wp.int32(wp.min(wp.sqrt(out.culled_bound[rank]) / bin_width, float(BINS - 1)))
-        out.bins[b + 1] = out.bins[b + 1] + 1
+def list_by_distance(count: wp.int32, lists: PoseLists):
+    """List culled poses by how near they are at least, in bins of a few per cent; in order of time within a bin."""
+    address = lists.address
+    bins = _BINS_ROW * lists.room
+    culled = _CULLED_BOUND * lists.room
     for b in range(BINS):
-        out.bins[b + 1] = out.bins[b + 1] + out.bins[b]
+        put(address, bins + b, int(0))
     for rank in range(count):
-        b = wp.int32(wp.min(wp.sqrt(out.culled_bound[rank]) / bin_width, float(BINS - 1)))
-        place = out.bins[b]
-        out.bins[b] = place + 1
-        out.pose[place] = out.culled_pose[rank]
-        out.bound[place] = out.culled_bound[rank]
+        b = _bin_of(int_at(address, culled + rank))
+        put(address, bins + b, int_at(address, bins + b) + 1)
+    next = int(0)
+    for b in range(BINS):
+        begin = next
+        next += int_at(address, bins + b)
+        put(address, bins + b, begin)
+    for rank in range(count):
+        b = _bin_of(int_at(address, culled + rank))
+        place = int_at(address, bins + b)
+        put(address, bins + b, place + 1)
+        put(address, LIST_POSE * lists.room + place, int_at(address, _CULLED_POSE * lists.room + rank))
+        put(address, LIST_BOUND * lists.room + place, float_at(address, culled + rank))
     least = float(3.0e38)
     for rank in range(count):
-        place = count - 1 - rank
-        least = wp.min(least, out.bound[place])
-        out.bound[place] = least
-
-
-def create_pose_lists(poses: int) -> PoseLists:
-    """Memory for one launch, on the CPU."""
-    lists = PoseLists()
-    lists.pose, lists.culled_pose = (wp.empty(poses, dtype=wp.int32, device="cpu") for _ in range(2))
-    lists.bound, lists.culled_bound = (wp.empty(poses, dtype=wp.float32, device="cpu") for _ in range(2))
-    lists.bins = wp.empty(int(BINS) + 1, dtype=wp.int32, device="cpu")
-    return lists
+        place = LIST_BOUND * lists.room + count - 1 - rank
+        least = wp.min(least, float_at(address, place))
+        put(address, place, least)

@@ -23,9 +23,9 @@ from maomaps_warp.kernels.association_slots import (
     SLOT_TRAIL,
     SLOT_X,
 )
-from maomaps_warp.kernels.association_trail import any_of, blocked_again
+from maomaps_warp.kernels.association_trail import blocked_again
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.lane_memory import floats_at, ints_at, put
+from maomaps_warp.kernels.lane_memory import any_of, floats_at, ints_at, put
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
 from maomaps_warp.kernels.ray_line import LINE_DIRECTION, LINE_ORIGIN, LINE_ROOM
 
@@ -88,6 +88,15 @@ def _to_map(R: wp.mat33, x: lanes_f, y: lanes_f, z: lanes_f):
     )
 
 
+@wp.func(inline=True)
+def _taken(a: lanes_f, order: lanes_i) -> lanes_f:
+    """The lanes in another order."""
+    r = lanes_f()
+    for k in range(16):
+        r[k] = a[order[k]]
+    return r
+
+
 @wp.func(inline=False)
 def look(
     # In:
@@ -147,19 +156,23 @@ def look(
             shot = seen - wp.cw_mul(seen, blocked)
         if any_of(shot):
             gx, gy, gz = _to_map(R_gt, qx, qy, qz)
-            # Every lane is written, and the next one over it if it is not shot: no branch.
+            # Sixteen are written each time, those to be cast first; the next look writes over the rest.
+            order = lanes_i()
+            count = int(0)
             for k in range(16):
-                put(line, LINE_ORIGIN + used, origin[0])
-                put(line, LINE_ORIGIN + LINE_ROOM + used, origin[1])
-                put(line, LINE_ORIGIN + 2 * LINE_ROOM + used, origin[2])
-                put(line, LINE_DIRECTION + used, dx[k])
-                put(line, LINE_DIRECTION + LINE_ROOM + used, dy[k])
-                put(line, LINE_DIRECTION + 2 * LINE_ROOM + used, dz[k])
-                put(line, OWNER_SLOT + used, first + k)
-                put(line, OWNER_POSE + used, pose)
-                put(line, OWNER_SQUARE + used, square[k])
-                put(line, OWNER_WAY + used, gx[k])
-                put(line, OWNER_WAY + LINE_ROOM + used, gy[k])
-                put(line, OWNER_WAY + 2 * LINE_ROOM + used, gz[k])
-                used += shot[k]
+                order[count] = k
+                count += shot[k]
+            put(line, LINE_ORIGIN + used, lanes_f(origin[0]))
+            put(line, LINE_ORIGIN + LINE_ROOM + used, lanes_f(origin[1]))
+            put(line, LINE_ORIGIN + 2 * LINE_ROOM + used, lanes_f(origin[2]))
+            put(line, LINE_DIRECTION + used, _taken(dx, order))
+            put(line, LINE_DIRECTION + LINE_ROOM + used, _taken(dy, order))
+            put(line, LINE_DIRECTION + 2 * LINE_ROOM + used, _taken(dz, order))
+            put(line, OWNER_SLOT + used, order + lanes_i(first))
+            put(line, OWNER_POSE + used, lanes_i(pose))
+            put(line, OWNER_SQUARE + used, _taken(square, order))
+            put(line, OWNER_WAY + used, _taken(gx, order))
+            put(line, OWNER_WAY + LINE_ROOM + used, _taken(gy, order))
+            put(line, OWNER_WAY + 2 * LINE_ROOM + used, _taken(gz, order))
+            used += count
     return used

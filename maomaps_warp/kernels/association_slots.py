@@ -35,11 +35,16 @@ def fill_slots(
     room: wp.int32,
     slots: wp.uint64,
 ):
-    """Let elements `first`, `first` + 1, ... in, `count` of them."""
+    """Let elements `first`, `first` + 1, ... in, `count` of them; gives the corners of the box round them."""
+    low = wp.vec3(wp.inf, wp.inf, wp.inf)
+    high = -low
     for slot in range(count):
-        put(slots, SLOT_X * room + slot, x[first + slot])
-        put(slots, (SLOT_X + 1) * room + slot, y[first + slot])
-        put(slots, (SLOT_X + 2) * room + slot, z[first + slot])
+        point = wp.vec3(x[first + slot], y[first + slot], z[first + slot])
+        low = wp.min(low, point)
+        high = wp.max(high, point)
+        put(slots, SLOT_X * room + slot, point[0])
+        put(slots, (SLOT_X + 1) * room + slot, point[1])
+        put(slots, (SLOT_X + 2) * room + slot, point[2])
         put(slots, SLOT_BEST * room + slot, wp.inf)
         put(slots, SLOT_POSE * room + slot, NO_POSE)
         put(slots, SLOT_TRAIL * room + slot, float(0.0))
@@ -48,6 +53,7 @@ def fill_slots(
         put(slots, SLOT_STATUS * room + slot, OUT_OF_VIEW)
         put(slots, SLOT_ELEMENT * room + slot, element[first + slot])
     want_no_more(count, room, slots)
+    return low, high
 
 
 @wp.func(inline=True)

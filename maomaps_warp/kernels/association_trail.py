@@ -6,14 +6,9 @@ import warp as wp
 
 from maomaps_warp.kernels.association_rules import flag
 from maomaps_warp.kernels.distance_field import DistanceField
+from maomaps_warp.kernels.lane_memory import any_of
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
 from maomaps_warp.kernels.ray_packets import look_up
-
-
-@wp.func(inline=True)
-def any_of(mask: lanes_i) -> wp.bool:
-    """Whether a lane is 1."""
-    return wp.dot(mask, mask) != 0
 
 
 @wp.func(inline=True)

@@ -1,8 +1,8 @@
 """Memory of a launch by its bare address: numbers one at a time, or sixteen side by side.
 
 A Warp array asks at each element for the sign of the index and for its stride, and a struct of arrays is copied where
-it is used. The packets' inner loops keep their state in blocks of four-byte numbers, and say where: `address` is that of a
-block, `place` counts numbers from there. Whoever calls sees to it that the block is large enough, and lives.
+it is used. The packets' inner loops keep their state in blocks of four-byte numbers, and say where: `address` is that
+of a block, `place` counts numbers from there. Whoever calls sees to it that the block is large enough, and lives.
 """
 
 from __future__ import annotations
@@ -64,3 +64,9 @@ def put(address: wp.uint64, place: wp.int32, value: lanes_i):
     """Sixteen from `place` on."""
     numbers = wp.array(ptr=address + wp.uint64(4 * place), shape=(1,), dtype=lanes_i)
     numbers[0] = value
+
+
+@wp.func(inline=True)
+def any_of(mask: lanes_i) -> wp.bool:
+    """Whether a lane is 1."""
+    return wp.dot(mask, mask) != 0

@@ -2,8 +2,9 @@
 
 A cell with clearance r is the middle of a cube of 2 r - 1 cells that holds no voxel. A ray in it leaps to where it
 leaves that cube: about ten leaps for a ray of fifty cells. Each leap waits for memory and for a chain of dependent
-operations, so a CPU casts sixteen rays side by side in vectors (`lanes_f`, `lanes_i`), until all have met something; a
-GPU takes one ray a thread. Both call the same `leap`, operation for operation: the same bits.
+operations, so a CPU casts sixteen rays side by side in vectors (`lanes_f`, `lanes_i`) and two such packets in turn
+(`ray_packets`), until all have met something; a GPU takes one ray a thread. Both call the same `leap`, operation for
+operation: the same bits.
 
 A ray's state is the cell it is in. Axes along which it runs backwards are mirrored, so that every ray runs upwards. The
 axis on which it leaves the cube lands exactly on the next cell; the others are rounded down, never behind the cell they

@@ -103,10 +103,8 @@ def _kernel_bricks(bricks: ElementBricks) -> Any:
 
     from maomaps_warp.kernels.association_bricks import Bricks
 
-    low, high = bricks.boxes()
     on_device = Bricks()
     on_device.first = wp.array(bricks.first, dtype=wp.int32, device="cpu", copy=False)
-    on_device.low, on_device.high = (wp.array(corner, dtype=wp.vec3, device="cpu") for corner in (low, high))
     on_device.x, on_device.y, on_device.z = (
         wp.array(c, dtype=wp.float32, device="cpu", copy=False) for c in bricks.columns
     )

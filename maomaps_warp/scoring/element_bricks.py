@@ -25,18 +25,6 @@ class ElementBricks:
     columns: tuple[NDArray[np.float32], ...]
     first: NDArray[np.int32]
 
-    @property
-    def packets(self) -> int:
-        """Packets of sixteen that they fill, each brick its own."""
-        return int((-(-np.diff(self.first) // 16)).sum())
-
-    def boxes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Lower and upper corners of the boxes round the elements of each brick, (B, 3) float32."""
-        begin = self.first[:-1]
-        low = np.stack([np.minimum.reduceat(c, begin) for c in self.columns], axis=1)
-        high = np.stack([np.maximum.reduceat(c, begin) for c in self.columns], axis=1)
-        return low, high
-
 
 def sort_into_bricks(columns: tuple[NDArray[np.float32], ...], voxel_size: float) -> ElementBricks:
     """Sort elements into bricks of 8 x 8 x 8 voxels, within them into eighths.
