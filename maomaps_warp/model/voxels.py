@@ -73,7 +73,8 @@ def pack_keys(ijk: NDArray[np.integer]) -> NDArray[np.int64]:
     keys = np.zeros(len(ijk), dtype=np.int64)
     for axis in range(3):
         biased = ijk[:, axis].astype(np.int64) + KEY_BIAS
-        if len(biased) and (biased.min() < 0 or biased.max() >= 2 * KEY_BIAS):
+        # All bits of an index lie within the key's: of all indices at once.
+        if np.bitwise_or.reduce(biased) >> KEY_BITS:
             raise ValueError(f"voxel indices must lie within {KEY_BIAS} of the grid's origin")
         keys = (keys << KEY_BITS) | biased
     return keys
