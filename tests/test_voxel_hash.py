@@ -12,10 +12,9 @@ from maomaps_warp.kernels.voxel_hash import (
     build_voxel_index,
     cell_of,
     create_voxel_hash,
-    find_slot,
-    pack_key,
     rehash,
 )
+from maomaps_warp.kernels.voxel_keys import find_slot, pack_key
 from maomaps_warp.model.voxels import KEY_BIAS, VoxelGrid, pack_keys, unpack_keys
 
 

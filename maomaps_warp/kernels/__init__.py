@@ -37,11 +37,10 @@ _NAMES = {
         "cell_of",
         "claim_slot",
         "create_voxel_hash",
-        "find_slot",
-        "pack_key",
         "rehash",
     ),
-    "voxel_rays": ("cast_packet", "cast_ray", "cast_voxel_rays"),
+    "voxel_keys": ("find_slot", "pack_key"),
+    "voxel_rays": ("cast_packet", "cast_packets", "cast_ray", "cast_voxel_rays"),
 }
 _HOME = {name: file for file, names in _NAMES.items() for name in names}
 

@@ -32,8 +32,8 @@ from maomaps_warp.kernels.association_rules import (
 )
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.distance_field import DistanceField, cell_center, check_field, ray_origin, voxel_at
+from maomaps_warp.kernels.ray_cast import cast_ray
 from maomaps_warp.kernels.surface import Surface, check_surface, first_surface
-from maomaps_warp.kernels.voxel_rays import cast_ray
 
 # No fused multiply-adds: CPU and CUDA must agree on the rays that pass an edge.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -24,7 +24,7 @@ from maomaps_warp.kernels.association_slots import (
 )
 from maomaps_warp.kernels.association_trail import are_in_field, cells_of
 from maomaps_warp.kernels.distance_field import voxel_at
-from maomaps_warp.kernels.lane_memory import float_at, int_at, ints_at, put
+from maomaps_warp.kernels.lane_memory import float_at, int_at, ints_at, put, put_three, three_floats_at, three_ints_at
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
 from maomaps_warp.kernels.ray_line import LINE_CELL, LINE_DIRECTION, LINE_FULL, LINE_ORIGIN, LINE_ROOM, cast_line
 
@@ -53,23 +53,15 @@ def keep_transferred(
     cast_line(line, used, sight.gt)
     pair = out_pairs.used[0]
     for ray in range(used):
-        gt_voxel = voxel_at(
-            sight.gt,
-            int_at(line, LINE_CELL + ray),
-            int_at(line, LINE_CELL + LINE_ROOM + ray),
-            int_at(line, LINE_CELL + 2 * LINE_ROOM + ray),
-        )
+        x, y, z = three_ints_at(line, LINE_CELL + ray, LINE_ROOM)
+        gt_voxel = voxel_at(sight.gt, x, y, z)
         if gt_voxel >= 0:
             element = int_at(line, _OWNER_ELEMENT + ray)
             out_count[element] = out_count[element] + 1
             out_pairs.element[pair] = element
             out_pairs.pose[pair] = int_at(line, _OWNER_POSE + ray)
-            out_pairs.est_voxel[pair] = voxel_at(
-                sight.est,
-                int_at(line, _OWNER_CELL + ray),
-                int_at(line, _OWNER_CELL + LINE_ROOM + ray),
-                int_at(line, _OWNER_CELL + 2 * LINE_ROOM + ray),
-            )
+            est_x, est_y, est_z = three_ints_at(line, _OWNER_CELL + ray, LINE_ROOM)
+            out_pairs.est_voxel[pair] = voxel_at(sight.est, est_x, est_y, est_z)
             out_pairs.gt_voxel[pair] = gt_voxel
             pair += 1
     out_pairs.used[0] = pair
@@ -104,17 +96,11 @@ def transfer(
         used, line: transferred rays in line.
     """
     origin = sight.gt_origin[pose]
-    put(line, LINE_ORIGIN + used, origin[0])
-    put(line, LINE_ORIGIN + LINE_ROOM + used, origin[1])
-    put(line, LINE_ORIGIN + 2 * LINE_ROOM + used, origin[2])
-    put(line, LINE_DIRECTION + used, way_x)
-    put(line, LINE_DIRECTION + LINE_ROOM + used, way_y)
-    put(line, LINE_DIRECTION + 2 * LINE_ROOM + used, way_z)
+    put_three(line, LINE_ORIGIN + used, LINE_ROOM, origin[0], origin[1], origin[2])
+    put_three(line, LINE_DIRECTION + used, LINE_ROOM, way_x, way_y, way_z)
     put(line, _OWNER_ELEMENT + used, element)
     put(line, _OWNER_POSE + used, pose)
-    put(line, _OWNER_CELL + used, x)
-    put(line, _OWNER_CELL + LINE_ROOM + used, y)
-    put(line, _OWNER_CELL + 2 * LINE_ROOM + used, z)
+    put_three(line, _OWNER_CELL + used, LINE_ROOM, x, y, z)
     used += 1
     if used == LINE_FULL:
         keep_transferred(line, used, sight, out_count, out_pairs)
@@ -177,18 +163,12 @@ def settle(
         for k in range(wp.min(used - first, 16)):
             ray = first + k
             slot = int_at(line, OWNER_SLOT + ray)
-            x = int_at(line, LINE_CELL + ray)
-            y = int_at(line, LINE_CELL + LINE_ROOM + ray)
-            z = int_at(line, LINE_CELL + 2 * LINE_ROOM + ray)
-            put(slots, SLOT_TRAIL * room + slot, float(x) + 0.5)
-            put(slots, (SLOT_TRAIL + 1) * room + slot, float(y) + 0.5)
-            put(slots, (SLOT_TRAIL + 2) * room + slot, float(z) + 0.5)
+            x, y, z = three_ints_at(line, LINE_CELL + ray, LINE_ROOM)
+            put_three(slots, SLOT_TRAIL * room + slot, room, float(x) + 0.5, float(y) + 0.5, float(z) + 0.5)
             if near[k] != 0:
                 pose = int_at(line, OWNER_POSE + ray)
                 square = float_at(line, OWNER_SQUARE + ray)
-                way_x = float_at(line, OWNER_WAY + ray)
-                way_y = float_at(line, OWNER_WAY + LINE_ROOM + ray)
-                way_z = float_at(line, OWNER_WAY + 2 * LINE_ROOM + ray)
+                way_x, way_y, way_z = three_floats_at(line, OWNER_WAY + ray, LINE_ROOM)
                 best = float_at(slots, SLOT_BEST * room + slot)
                 if choice == EVERY:
                     put(slots, SLOT_STATUS * room + slot, VISIBLE)
@@ -212,10 +192,6 @@ def settle(
                         square = -1.0  # the first that sees it: no other is wanted
                     put(slots, SLOT_BEST * room + slot, square)
                     put(slots, SLOT_POSE * room + slot, pose)
-                    put(slots, SLOT_CELL * room + slot, x)
-                    put(slots, (SLOT_CELL + 1) * room + slot, y)
-                    put(slots, (SLOT_CELL + 2) * room + slot, z)
-                    put(slots, SLOT_WAY * room + slot, way_x)
-                    put(slots, (SLOT_WAY + 1) * room + slot, way_y)
-                    put(slots, (SLOT_WAY + 2) * room + slot, way_z)
+                    put_three(slots, SLOT_CELL * room + slot, room, x, y, z)
+                    put_three(slots, SLOT_WAY * room + slot, room, way_x, way_y, way_z)
     return gt_used

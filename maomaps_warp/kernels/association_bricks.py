@@ -38,7 +38,7 @@ from maomaps_warp.kernels.association_slots import (
     want_no_more,
 )
 from maomaps_warp.kernels.association_trail import cells_of
-from maomaps_warp.kernels.lane_memory import float_at, floats_at, int_at
+from maomaps_warp.kernels.lane_memory import float_at, floats_at, int_at, three_floats_at, three_ints_at
 from maomaps_warp.kernels.ray_line import LINE_FIELDS, LINE_FULL, LINE_ROOM, move_up
 
 #: How many poses look at a brick, before those elements leave that are answered; and how many times more next time.
@@ -189,20 +189,10 @@ def leave(
             status = wp.min(int_at(slots, SLOT_STATUS * room + slot), VISIBLE)
             if pose >= 0:
                 status = int(VISIBLE)
+                x, y, z = three_ints_at(slots, SLOT_CELL * room + slot, room)
+                way_x, way_y, way_z = three_floats_at(slots, SLOT_WAY * room + slot, room)
                 gt_used = transfer(
-                    element,
-                    pose,
-                    int_at(slots, SLOT_CELL * room + slot),
-                    int_at(slots, (SLOT_CELL + 1) * room + slot),
-                    int_at(slots, (SLOT_CELL + 2) * room + slot),
-                    float_at(slots, SLOT_WAY * room + slot),
-                    float_at(slots, (SLOT_WAY + 1) * room + slot),
-                    float_at(slots, (SLOT_WAY + 2) * room + slot),
-                    gt_used,
-                    sight,
-                    space.gt_line,
-                    out_count,
-                    out_pairs,
+                    element, pose, x, y, z, way_x, way_y, way_z, gt_used, sight, space.gt_line, out_count, out_pairs
                 )
             out_status[element] = status
     want_no_more(left, room, slots)

@@ -25,7 +25,7 @@ from maomaps_warp.kernels.association_slots import (
 )
 from maomaps_warp.kernels.association_trail import blocked_again
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.lane_memory import any_of, floats_at, ints_at, put
+from maomaps_warp.kernels.lane_memory import any_of, floats_at, ints_at, put_lanes, put_three_lanes, three_lanes_at
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
 from maomaps_warp.kernels.ray_line import LINE_DIRECTION, LINE_ORIGIN, LINE_ROOM
 
@@ -134,9 +134,7 @@ def look(
     Returns:
         How many rays are in line.
     """
-    px = floats_at(slots, SLOT_X * room + first)
-    py = floats_at(slots, (SLOT_X + 1) * room + first)
-    pz = floats_at(slots, (SLOT_X + 2) * room + first)
+    px, py, pz = three_lanes_at(slots, SLOT_X * room + first, room)
     best = floats_at(slots, SLOT_BEST * room + first)
     best_pose = ints_at(slots, SLOT_POSE * room + first)
     square, qx, qy, qz, seen = _rays_to(px, py, pz, view, R, position, inv_voxel_size)
@@ -144,13 +142,11 @@ def look(
         tie = flag(square[k] == best[k]) & flag(pose < best_pose[k])
         seen[k] = seen[k] & (flag(square[k] < best[k]) | tie)
     if any_of(seen):
-        put(slots, SLOT_STATUS * room + first, ints_at(slots, SLOT_STATUS * room + first) | seen)
+        put_lanes(slots, SLOT_STATUS * room + first, ints_at(slots, SLOT_STATUS * room + first) | seen)
         dx, dy, dz = _to_map(R, qx, qy, qz)
         shot = seen
         if clearance_address != wp.uint64(0):  # a bricked field has no such cheap look: its rays are all cast
-            tx = floats_at(slots, SLOT_TRAIL * room + first)
-            ty = floats_at(slots, (SLOT_TRAIL + 1) * room + first)
-            tz = floats_at(slots, (SLOT_TRAIL + 2) * room + first)
+            tx, ty, tz = three_lanes_at(slots, SLOT_TRAIL * room + first, room)
             inv = inv_voxel_size
             blocked = blocked_again(tx, ty, tz, clearance_address, n, origin, dx * inv, dy * inv, dz * inv, square, gap)
             shot = seen - wp.cw_mul(seen, blocked)
@@ -162,17 +158,15 @@ def look(
             for k in range(16):
                 order[count] = k
                 count += shot[k]
-            put(line, LINE_ORIGIN + used, lanes_f(origin[0]))
-            put(line, LINE_ORIGIN + LINE_ROOM + used, lanes_f(origin[1]))
-            put(line, LINE_ORIGIN + 2 * LINE_ROOM + used, lanes_f(origin[2]))
-            put(line, LINE_DIRECTION + used, _taken(dx, order))
-            put(line, LINE_DIRECTION + LINE_ROOM + used, _taken(dy, order))
-            put(line, LINE_DIRECTION + 2 * LINE_ROOM + used, _taken(dz, order))
-            put(line, OWNER_SLOT + used, order + lanes_i(first))
-            put(line, OWNER_POSE + used, lanes_i(pose))
-            put(line, OWNER_SQUARE + used, _taken(square, order))
-            put(line, OWNER_WAY + used, _taken(gx, order))
-            put(line, OWNER_WAY + LINE_ROOM + used, _taken(gy, order))
-            put(line, OWNER_WAY + 2 * LINE_ROOM + used, _taken(gz, order))
+            put_three_lanes(
+                line, LINE_ORIGIN + used, LINE_ROOM, lanes_f(origin[0]), lanes_f(origin[1]), lanes_f(origin[2])
+            )
+            put_three_lanes(
+                line, LINE_DIRECTION + used, LINE_ROOM, _taken(dx, order), _taken(dy, order), _taken(dz, order)
+            )
+            put_lanes(line, OWNER_SLOT + used, order + lanes_i(first))
+            put_lanes(line, OWNER_POSE + used, lanes_i(pose))
+            put_lanes(line, OWNER_SQUARE + used, _taken(square, order))
+            put_three_lanes(line, OWNER_WAY + used, LINE_ROOM, _taken(gx, order), _taken(gy, order), _taken(gz, order))
             used += count
     return used

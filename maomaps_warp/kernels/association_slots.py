@@ -9,7 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import NO_POSE, OUT_OF_VIEW
-from maomaps_warp.kernels.lane_memory import int_at, put
+from maomaps_warp.kernels.lane_memory import int_at, put, put_three
 
 # Rows. Places of the estimate's map are metres, relative to the grid's origin.
 SLOT_X = wp.constant(0)  # x, y, z of the element
@@ -42,14 +42,10 @@ def fill_slots(
         point = wp.vec3(x[first + slot], y[first + slot], z[first + slot])
         low = wp.min(low, point)
         high = wp.max(high, point)
-        put(slots, SLOT_X * room + slot, point[0])
-        put(slots, (SLOT_X + 1) * room + slot, point[1])
-        put(slots, (SLOT_X + 2) * room + slot, point[2])
+        put_three(slots, SLOT_X * room + slot, room, point[0], point[1], point[2])
         put(slots, SLOT_BEST * room + slot, wp.inf)
         put(slots, SLOT_POSE * room + slot, NO_POSE)
-        put(slots, SLOT_TRAIL * room + slot, float(0.0))
-        put(slots, (SLOT_TRAIL + 1) * room + slot, float(0.0))
-        put(slots, (SLOT_TRAIL + 2) * room + slot, float(0.0))
+        put_three(slots, SLOT_TRAIL * room + slot, room, float(0.0), float(0.0), float(0.0))
         put(slots, SLOT_STATUS * room + slot, OUT_OF_VIEW)
         put(slots, SLOT_ELEMENT * room + slot, element[first + slot])
     want_no_more(count, room, slots)

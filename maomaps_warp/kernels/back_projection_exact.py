@@ -15,7 +15,8 @@ import warp as wp
 
 from maomaps_warp.kernels.back_projection import check_depth_image, color_at
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.voxel_hash import KEY_BIAS, VoxelHash, add_sample
+from maomaps_warp.kernels.voxel_hash import VoxelHash, add_sample
+from maomaps_warp.kernels.voxel_keys import KEY_BIAS
 
 # No fused multiply-adds: they round once where the definition above rounds twice.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -16,7 +16,7 @@ from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, spread_bits
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
-from maomaps_warp.kernels.voxel_hash import find_slot, pack_key
+from maomaps_warp.kernels.voxel_keys import find_slot, pack_key
 
 wp.set_module_options(OPTIONS)
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.modules import OPTIONS
-from maomaps_warp.kernels.voxel_hash import find_slot, pack_key
+from maomaps_warp.kernels.voxel_keys import find_slot, pack_key
 
 wp.set_module_options(OPTIONS)
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.lane_memory import floats_at, ints_at, put
+from maomaps_warp.kernels.lane_memory import ints_at, put_lanes, put_three_lanes, three_lanes_at
 from maomaps_warp.kernels.ray_leap import lanes_f
-from maomaps_warp.kernels.voxel_rays import cast_packets
+from maomaps_warp.kernels.ray_packets import cast_packets
 
 #: Rays that are cast at once.
 LINE_FULL = wp.constant(32)
@@ -39,32 +39,20 @@ def _is_used(first: wp.int32, used: wp.int32) -> lanes_f:
 @wp.func(inline=False)
 def cast_line(line: wp.uint64, used: wp.int32, field: DistanceField):
     """Cast the first 32 of `used` rays (or all, if they are fewer) and write down their cells."""
-    ox = floats_at(line, LINE_ORIGIN)
-    oy = floats_at(line, LINE_ORIGIN + LINE_ROOM)
-    oz = floats_at(line, LINE_ORIGIN + 2 * LINE_ROOM)
-    dx = floats_at(line, LINE_DIRECTION)
-    dy = floats_at(line, LINE_DIRECTION + LINE_ROOM)
-    dz = floats_at(line, LINE_DIRECTION + 2 * LINE_ROOM)
-    ox2 = floats_at(line, LINE_ORIGIN + 16)
-    oy2 = floats_at(line, LINE_ORIGIN + LINE_ROOM + 16)
-    oz2 = floats_at(line, LINE_ORIGIN + 2 * LINE_ROOM + 16)
-    dx2 = floats_at(line, LINE_DIRECTION + 16)
-    dy2 = floats_at(line, LINE_DIRECTION + LINE_ROOM + 16)
-    dz2 = floats_at(line, LINE_DIRECTION + 2 * LINE_ROOM + 16)
+    ox, oy, oz = three_lanes_at(line, LINE_ORIGIN, LINE_ROOM)
+    dx, dy, dz = three_lanes_at(line, LINE_DIRECTION, LINE_ROOM)
+    ox2, oy2, oz2 = three_lanes_at(line, LINE_ORIGIN + 16, LINE_ROOM)
+    dx2, dy2, dz2 = three_lanes_at(line, LINE_DIRECTION + 16, LINE_ROOM)
     active = _is_used(0, used)
     active2 = _is_used(16, used)
     x, y, z, x2, y2, z2 = cast_packets(field, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2)
-    put(line, LINE_CELL, x)
-    put(line, LINE_CELL + LINE_ROOM, y)
-    put(line, LINE_CELL + 2 * LINE_ROOM, z)
-    put(line, LINE_CELL + 16, x2)
-    put(line, LINE_CELL + LINE_ROOM + 16, y2)
-    put(line, LINE_CELL + 2 * LINE_ROOM + 16, z2)
+    put_three_lanes(line, LINE_CELL, LINE_ROOM, x, y, z)
+    put_three_lanes(line, LINE_CELL + 16, LINE_ROOM, x2, y2, z2)
 
 
 @wp.func(inline=True)
 def move_up(line: wp.uint64, used: wp.int32) -> wp.int32:
     """Let the rays behind the first 32 take their place; gives how many they are."""
     for row in range(12):
-        put(line, row * LINE_ROOM, ints_at(line, row * LINE_ROOM + LINE_FULL))
+        put_lanes(line, row * LINE_ROOM, ints_at(line, row * LINE_ROOM + LINE_FULL))
     return wp.max(used - LINE_FULL, 0)

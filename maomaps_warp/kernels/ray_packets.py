@@ -1,15 +1,18 @@
-"""Rays through a dense distance field on a CPU: sixteen side by side, and two such packets in turn.
+"""Rays through a distance field on a CPU: sixteen side by side in vectors, and two such packets in turn.
 
-What `voxel_rays` says of leaps holds here. A leap is a chain of some twenty operations that wait for one another, and
+What `ray_cast` says of leaps holds here. A leap is a chain of some twenty operations that wait for one another, and
 for a look into memory; a packet alone leaves the processor idle for more than half of it. So two packets take turns,
-and one's waiting is the other's work. Limit: the two go on until all of their rays have ended.
+and one's waiting is the other's work. Limits: the two go on until all of their rays have ended, so rays in unlike
+directions wait for the slowest; rays through a bricked field go one by one.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from maomaps_warp.kernels.distance_field import DistanceField
 from maomaps_warp.kernels.modules import OPTIONS
+from maomaps_warp.kernels.ray_cast import cast_ray
 from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, larger, leap
 from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_within, mirrored, unmirrored
 
@@ -107,31 +110,6 @@ def _end(n: wp.vec3i, x: lanes_f, y: lanes_f, z: lanes_f, dx: lanes_f, dy: lanes
 
 
 @wp.func(inline=False)
-def cast_dense_packet(
-    clearance_address: wp.uint64,
-    n: wp.vec3i,
-    ox: lanes_f,
-    oy: lanes_f,
-    oz: lanes_f,
-    dx: lanes_f,
-    dy: lanes_f,
-    dz: lanes_f,
-    active: lanes_f,
-):
-    """`voxel_rays.cast_packet` of a dense field of `n` cells."""
-    px, py, pz, ex, ey, ez, ix, iy, iz, x, y, z, base, ax, ay, az, casts = _begin(n, ox, oy, oz, dx, dy, dz, active)
-    longest = wp.int32(1)
-    while longest != 0:
-        r = look_up(clearance_address, _place(x, y, z, base, ax, ay, az))
-        x, y, z = leap(x, y, z, lanes_f(r), px, py, pz, ex, ey, ez, ix, iy, iz)
-        longest = wp.int32(0)
-        for lane in range(LANES):
-            longest = longest | r[lane]
-    cell_x, cell_y, cell_z = _end(n, x, y, z, dx, dy, dz, casts)
-    return cell_x, cell_y, cell_z
-
-
-@wp.func(inline=False)
 def cast_dense_packets(
     clearance_address: wp.uint64,
     n: wp.vec3i,
@@ -150,7 +128,7 @@ def cast_dense_packets(
     dz2: lanes_f,
     active2: lanes_f,
 ):
-    """Two packets in turn: field cells x, y, z of the first, then of the second, as `cast_dense_packet` gives each."""
+    """`cast_packets` of a dense field of `n` cells."""
     px, py, pz, ex, ey, ez, ix, iy, iz, x, y, z, base, ax, ay, az, casts = _begin(n, ox, oy, oz, dx, dy, dz, active)
     px2, py2, pz2, ex2, ey2, ez2, ix2, iy2, iz2, x2, y2, z2, base2, ax2, ay2, az2, casts2 = _begin(
         n, ox2, oy2, oz2, dx2, dy2, dz2, active2
@@ -167,3 +145,65 @@ def cast_dense_packets(
     cell_x, cell_y, cell_z = _end(n, x, y, z, dx, dy, dz, casts)
     cell_x2, cell_y2, cell_z2 = _end(n, x2, y2, z2, dx2, dy2, dz2, casts2)
     return cell_x, cell_y, cell_z, cell_x2, cell_y2, cell_z2
+
+
+@wp.func(inline=False)
+def cast_bricked_packet(
+    field: DistanceField,
+    ox: lanes_f,
+    oy: lanes_f,
+    oz: lanes_f,
+    dx: lanes_f,
+    dy: lanes_f,
+    dz: lanes_f,
+    active: lanes_f,
+):
+    """A packet of a bricked field, ray by ray."""
+    x, y, z = lanes_i(), lanes_i(), lanes_i()
+    for lane in range(LANES):
+        if active[lane] != 0.0:
+            origin = wp.vec3(ox[lane], oy[lane], oz[lane])
+            cell = cast_ray(field, origin, wp.vec3(dx[lane], dy[lane], dz[lane]))
+            x[lane] = cell[0]
+            y[lane] = cell[1]
+            z[lane] = cell[2]
+    return x, y, z
+
+
+@wp.func(inline=True)
+def cast_packets(
+    field: DistanceField,
+    ox: lanes_f,
+    oy: lanes_f,
+    oz: lanes_f,
+    dx: lanes_f,
+    dy: lanes_f,
+    dz: lanes_f,
+    active: lanes_f,
+    ox2: lanes_f,
+    oy2: lanes_f,
+    oz2: lanes_f,
+    dx2: lanes_f,
+    dy2: lanes_f,
+    dz2: lanes_f,
+    active2: lanes_f,
+):
+    """Field cells of the first voxels on twice 16 rays, lanes_i x, y, z, x2, y2, z2: lane by lane those of `cast_ray`.
+
+    Args:
+        field: the map.
+        ox, oy, oz: origins of the first packet, field coordinates, see `ray_origin`.
+        dx, dy, dz: directions, map frame, of any length from 1e-18 to 1e18.
+        active: 0 where no ray is to be cast: the answer is a border cell.
+        ox2, oy2, oz2, dx2, dy2, dz2, active2: the second packet.
+    """
+    x, y, z, x2, y2, z2 = lanes_i(), lanes_i(), lanes_i(), lanes_i(), lanes_i(), lanes_i()
+    if field.is_bricked:
+        x, y, z = cast_bricked_packet(field, ox, oy, oz, dx, dy, dz, active)
+        x2, y2, z2 = cast_bricked_packet(field, ox2, oy2, oz2, dx2, dy2, dz2, active2)
+    else:
+        n = wp.vec3i(field.nx, field.ny, field.nz)
+        x, y, z, x2, y2, z2 = cast_dense_packets(
+            field.clearance_address, n, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2
+        )
+    return x, y, z, x2, y2, z2

@@ -7,7 +7,8 @@ from typing import Any
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.voxel_hash import EMPTY_KEY, build_voxel_index, cell_of, find_slot, pack_key
+from maomaps_warp.kernels.voxel_hash import build_voxel_index, cell_of
+from maomaps_warp.kernels.voxel_keys import EMPTY_KEY, find_slot, pack_key
 
 # No fused multiply-adds: CPU and CUDA must agree on the rays that pass an edge.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -1,8 +1,7 @@
 """Voxel hash: an open-addressing table from packed voxel keys to integer accumulators.
 
-A key packs the three voxel indices, 21 bits each with a bias, so that keys sort as (i, j, k) do. Collisions
-probe linearly. All sums are integers: the order in which threads arrive changes slots, never totals, and an
-export sorted by key is the same on every device.
+Keys and slots are those of `voxel_keys`. All sums are integers: the order in which threads arrive changes slots, never
+totals, and an export sorted by key is the same on every device.
 """
 
 from __future__ import annotations
@@ -12,13 +11,10 @@ from typing import Any
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
+from maomaps_warp.kernels.voxel_keys import EMPTY_KEY, KEY_BIAS, first_slot, pack_key
 
 # No fused multiply-adds: CPU and CUDA must put a point on a face into the same cell.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-EMPTY_KEY = wp.constant(wp.int64(-1))
-KEY_BITS = wp.constant(wp.int64(21))
-KEY_BIAS = wp.constant(1 << 20)
 
 
 @wp.struct
@@ -30,19 +26,6 @@ class VoxelHash:
     color_sums: wp.array2d(dtype=wp.int64)  # (capacity, 3) sums of 8-bit RGB; (0, 3) if colours are not kept
     size: wp.array(dtype=wp.int32)  # (1,) slots in use
     rejected: wp.array(dtype=wp.int64)  # (2,) samples lost: [no free slot, voxel outside the key range]
-
-
-@wp.func
-def pack_key(ijk: wp.vec3i) -> wp.int64:
-    """Packed key of a voxel index; EMPTY_KEY if an index does not fit into 21 bits."""
-    i = ijk[0] + KEY_BIAS
-    j = ijk[1] + KEY_BIAS
-    k = ijk[2] + KEY_BIAS
-    key = EMPTY_KEY
-    limit = 2 * KEY_BIAS
-    if i >= 0 and i < limit and j >= 0 and j < limit and k >= 0 and k < limit:
-        key = (wp.int64(i) << (KEY_BITS + KEY_BITS)) | (wp.int64(j) << KEY_BITS) | wp.int64(k)
-    return key
 
 
 @wp.func
@@ -72,37 +55,10 @@ def cell_of(point: wp.vec3, inv_voxel_size: wp.float32, center_offset: wp.float3
 
 
 @wp.func
-def _first_slot(key: wp.int64, capacity: wp.int32) -> wp.int32:
-    # The finaliser of MurmurHash3 (A. Appleby, public domain): every bit of the key moves every bit of the slot.
-    h = wp.uint64(key)
-    h = (h ^ (h >> wp.uint64(33))) * wp.uint64(0xFF51AFD7ED558CCD)
-    h = (h ^ (h >> wp.uint64(33))) * wp.uint64(0xC4CEB9FE1A85EC53)
-    h = h ^ (h >> wp.uint64(33))
-    return wp.int32(h & wp.uint64(capacity - 1))
-
-
-@wp.func
-def find_slot(keys: wp.array(dtype=wp.int64), key: wp.int64) -> wp.int32:
-    """Slot of `key`, or -1 if the table does not hold it, as it never holds EMPTY_KEY."""
-    capacity = keys.shape[0]
-    slot = _first_slot(key, capacity)
-    result = int(-1)
-    for _probe in range(capacity):
-        found = keys[slot]
-        if found == EMPTY_KEY:
-            break
-        if found == key:
-            result = slot
-            break
-        slot = (slot + 1) & (capacity - 1)
-    return result
-
-
-@wp.func
 def claim_slot(keys: wp.array(dtype=wp.int64), key: wp.int64):
     """(slot of `key`, whether it was free until now), taking a free one if the key is new; (-1, False) if full."""
     capacity = keys.shape[0]
-    slot = _first_slot(key, capacity)
+    slot = first_slot(key, capacity)
     result = int(-1)
     is_new = bool(False)
     for _probe in range(capacity):

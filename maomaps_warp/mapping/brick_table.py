@@ -232,7 +232,7 @@ def sample_limit() -> int:
 def fits(low: NDArray[np.int64], high: NDArray[np.int64]) -> bool:
     """Whether a window can hold bricks `low` to `high`, both inclusive, and keys their cells."""
     from maomaps_warp.kernels.voxel_bricks import MAX_DIRECTORY
-    from maomaps_warp.kernels.voxel_hash import KEY_BIAS
+    from maomaps_warp.kernels.voxel_keys import KEY_BIAS
 
     within_keys = (low >= -KEY_BIAS // EDGE).all() and (high < KEY_BIAS // EDGE).all()
     return bool(within_keys and float((high - low + 1).astype(np.float64).prod()) < MAX_DIRECTORY)
