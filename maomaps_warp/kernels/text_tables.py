@@ -24,53 +24,61 @@ MAX_POWER = wp.constant(22)
 
 _ZERO, _NINE, _POINT, _MINUS, _PLUS = (wp.constant(wp.uint8(ord(c))) for c in "09.-+")
 _BLANK, _TAB, _RETURN, _COMMA, _SEMICOLON = (wp.constant(wp.uint8(ord(c))) for c in " \t\r,;")
+_MANY = wp.constant(0x7FFFFFFF)
 _SMALL_E, _LARGE_E = (wp.constant(wp.uint8(ord(c))) for c in "eE")
 
 
+@wp.func(inline=True)
+def byte_at(text: wp.uint64, place: wp.int32) -> wp.uint8:
+    # Of the bare address: a Warp array asks at each byte for the sign of the index and for its stride.
+    characters = wp.array(ptr=text, shape=(_MANY,), dtype=wp.uint8)
+    return characters[place & _MANY]
+
+
 @wp.func
-def skip_blanks(text: wp.array(dtype=wp.uint8), place: wp.int32, stop: wp.int32) -> wp.int32:
+def skip_blanks(text: wp.uint64, place: wp.int32, stop: wp.int32) -> wp.int32:
     """The first place from `place` on that holds no blank, tab or carriage return; at most `stop`."""
     i = int(place)
-    while i < stop and (text[i] == _BLANK or text[i] == _TAB or text[i] == _RETURN):
+    while i < stop and (byte_at(text, i) == _BLANK or byte_at(text, i) == _TAB or byte_at(text, i) == _RETURN):
         i += 1
     return i
 
 
 @wp.func
-def digits_at(text: wp.array(dtype=wp.uint8), place: wp.int32, stop: wp.int32, before: wp.int64):
+def digits_at(text: wp.uint64, place: wp.int32, stop: wp.int32, before: wp.int64):
     """Digits from `place` on, appended to the number `before`: (the place behind them, the number)."""
     i = int(place)
     value = wp.int64(before)
-    while i < stop and text[i] >= _ZERO and text[i] <= _NINE:
+    while i < stop and byte_at(text, i) >= _ZERO and byte_at(text, i) <= _NINE:
         if i - place <= MAX_DIGITS:  # more are refused by their count: the number must only not overflow
-            value = value * wp.int64(10) + wp.int64(text[i] - _ZERO)
+            value = value * wp.int64(10) + wp.int64(byte_at(text, i) - _ZERO)
         i += 1
     return i, value
 
 
 @wp.func
-def number_at(text: wp.array(dtype=wp.uint8), place: wp.int32, stop: wp.int32, powers: wp.array(dtype=wp.float64)):
+def number_at(text: wp.uint64, place: wp.int32, stop: wp.int32, powers: wp.array(dtype=wp.float64)):
     """The decimal number at `place`: (the place behind it, its value); (-1, any) if it is none for this parser."""
     i = int(place)
     is_negative = False
-    if i < stop and (text[i] == _MINUS or text[i] == _PLUS):
-        is_negative = text[i] == _MINUS
+    if i < stop and (byte_at(text, i) == _MINUS or byte_at(text, i) == _PLUS):
+        is_negative = byte_at(text, i) == _MINUS
         i += 1
     first = i
     i, value = digits_at(text, i, stop, wp.int64(0))
     digits = i - first
     power = int(0)
-    if i < stop and text[i] == _POINT and digits <= MAX_DIGITS:
+    if i < stop and byte_at(text, i) == _POINT and digits <= MAX_DIGITS:
         point = i
         i, value = digits_at(text, i + 1, stop, value)
         power = point + 1 - i
         digits -= power
     is_plain = digits > 0 and digits <= MAX_DIGITS
-    if is_plain and i < stop and (text[i] == _SMALL_E or text[i] == _LARGE_E):
+    if is_plain and i < stop and (byte_at(text, i) == _SMALL_E or byte_at(text, i) == _LARGE_E):
         i += 1
         is_down = False
-        if i < stop and (text[i] == _MINUS or text[i] == _PLUS):
-            is_down = text[i] == _MINUS
+        if i < stop and (byte_at(text, i) == _MINUS or byte_at(text, i) == _PLUS):
+            is_down = byte_at(text, i) == _MINUS
             i += 1
         behind, exponent = digits_at(text, i, stop, wp.int64(0))
         is_plain = behind > i and behind - i <= 3
@@ -92,7 +100,7 @@ def number_at(text: wp.array(dtype=wp.uint8), place: wp.int32, stop: wp.int32, p
 def _parse_table_kernel(
     start: wp.int32,
     # In:
-    text: wp.array(dtype=wp.uint8),
+    text: wp.uint64,
     ends: wp.array(dtype=wp.int32),
     is_delimited: wp.bool,
     powers: wp.array(dtype=wp.float64),
@@ -120,7 +128,7 @@ def _parse_table_kernel(
                 column += 1
                 if column < columns:
                     behind = i
-                    if is_delimited and i < stop and (text[i] == _COMMA or text[i] == _SEMICOLON):
+                    if is_delimited and i < stop and (byte_at(text, i) == _COMMA or byte_at(text, i) == _SEMICOLON):
                         i = skip_blanks(text, i + 1, stop)
                     elif not is_delimited:
                         i = skip_blanks(text, i, stop)
@@ -170,7 +178,7 @@ def parse_table(
     launch_ranges(
         _parse_table_kernel,
         blocks,
-        inputs=[text, ends, is_delimited, powers],
+        inputs=[wp.uint64(text.ptr), ends, is_delimited, powers],
         outputs=[out_values, out_is_refused],
         device=device,
         threads=threads,

@@ -60,7 +60,12 @@ class VoxelGrid:
         # Times the inverse, as OctoMap does: 0.15 / 0.05 = 2.9999999999999996 would lie below a face.
         cells = points * (1.0 / self.voxel_size)
         (np.rint if self.center_offset == 0.0 else np.floor)(cells, out=cells)
-        return cells.astype(np.int64) - self.origin_ijk
+        ijk = cells.astype(np.int64)
+        # In place and column by column, here and below: fresh memory costs more to touch than to fill, and NumPy is
+        # many times slower along rows of three.
+        for axis in range(3):
+            ijk[:, axis] -= self.origin_ijk[axis]
+        return ijk
 
     def centers_of(self, ijk: NDArray[np.integer]) -> NDArray[np.float64]:
         """Centres of cells `ijk`, (N, 3) integer: (N, 3) float64, metres, world."""
@@ -69,14 +74,15 @@ class VoxelGrid:
 
 def pack_keys(ijk: NDArray[np.integer]) -> NDArray[np.int64]:
     """Packed keys of cells, (N, 3) -> (N,) int64, 21 bits an axis; their order is the order of (i, j, k)."""
-    # Column by column: NumPy is many times slower along rows of three.
     keys = np.zeros(len(ijk), dtype=np.int64)
     for axis in range(3):
-        biased = ijk[:, axis].astype(np.int64) + KEY_BIAS
+        biased = ijk[:, axis].astype(np.int64)
+        biased += KEY_BIAS
         # All bits of an index lie within the key's: of all indices at once.
         if np.bitwise_or.reduce(biased) >> KEY_BITS:
             raise ValueError(f"voxel indices must lie within {KEY_BIAS} of the grid's origin")
-        keys = (keys << KEY_BITS) | biased
+        keys <<= KEY_BITS
+        keys |= biased
     return keys
 
 
@@ -85,7 +91,10 @@ def unpack_keys(keys: NDArray[np.int64]) -> NDArray[np.int32]:
     mask = (1 << KEY_BITS) - 1
     ijk = np.empty((len(keys), 3), dtype=np.int32)
     for axis in range(3):
-        ijk[:, axis] = ((keys >> ((2 - axis) * KEY_BITS)) & mask) - KEY_BIAS
+        biased = keys >> ((2 - axis) * KEY_BITS)
+        biased &= mask
+        biased -= KEY_BIAS
+        ijk[:, axis] = biased
     return ijk
 
 
