@@ -26,8 +26,9 @@ RULES = {
 }
 
 
-def _field(points, origin=(0, 0, 0)):
-    return build_voxel_field(voxelise(np.asarray(points, dtype=float), VoxelGrid(VOXEL, np.array(origin))))
+def _field(points, origin=(0, 0, 0), dense_bytes=1 << 28):
+    voxels = voxelise(np.asarray(points, dtype=float), VoxelGrid(VOXEL, np.array(origin)))
+    return build_voxel_field(voxels, dense_bytes=dense_bytes)
 
 
 def _poses(count, seed, low=(-0.5, -0.5, 0.2), high=(3.5, 3.0, 1.3)):
@@ -68,6 +69,18 @@ def test_packets_give_the_bits_of_single_elements(choice, rules):
     c = _both(est.voxels.points[::3], est, gt, _drifted(T_gt, 4), T_gt, pose_choice=choice, **RULES[rules])
     if rules not in ("no tolerance",):
         assert len(c) > 100
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+@pytest.mark.parametrize(("est_bytes", "gt_bytes"), [(0, 0), (0, 1 << 28), (1 << 28, 0)])
+def test_fields_of_bricks(choice, est_bytes, gt_bytes):
+    est, gt = _field(cluttered_room(1), dense_bytes=est_bytes), _field(cluttered_room(2), dense_bytes=gt_bytes)
+    dense = _field(cluttered_room(1)), _field(cluttered_room(2))
+    T_gt = _poses(20, seed=14)
+    T_est, elements = _drifted(T_gt, 15), est.voxels.points[::3]
+    c = _both(elements, est, gt, T_est, T_gt, pose_choice=choice)
+    assert len(c) > 100
+    _assert_same(c, associate_maps(elements, *dense, T_est, T_gt, ViewRules(CAMERA, pose_choice=choice)))
 
 
 @pytest.mark.parametrize("choice", CHOICES)

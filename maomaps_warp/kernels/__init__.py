@@ -28,6 +28,8 @@ _NAMES = {
     "distance_field_building": ("build_distance_field",),
     "nearest": ("PointTree", "find_nearest", "nearest_point"),
     "pair_errors": ("Pairs", "pair_errors"),
+    "ray_cast": ("cast_ray",),
+    "ray_packets": ("cast_packets",),
     "render": ("Images", "MeshScene", "render_scene", "view_from"),
     "surface": ("Surface", "build_surface", "cast_rays", "first_surface"),
     "voxel_hash": (
@@ -40,7 +42,7 @@ _NAMES = {
         "rehash",
     ),
     "voxel_keys": ("find_slot", "pack_key"),
-    "voxel_rays": ("cast_packet", "cast_packets", "cast_ray", "cast_voxel_rays"),
+    "voxel_rays": ("cast_voxel_rays",),
 }
 _HOME = {name: file for file, names in _NAMES.items() for name in names}
 

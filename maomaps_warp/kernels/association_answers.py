@@ -24,14 +24,22 @@ from maomaps_warp.kernels.association_slots import (
 )
 from maomaps_warp.kernels.association_trail import are_in_field, cells_of
 from maomaps_warp.kernels.distance_field import voxel_at
-from maomaps_warp.kernels.lane_memory import float_at, int_at, ints_at, put, put_three, three_floats_at, three_ints_at
+from maomaps_warp.kernels.lane_memory import float_at, int_at, ints_at, put, put_vec3, three_ints_at, vec3_at, vec3i_at
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
-from maomaps_warp.kernels.ray_line import LINE_CELL, LINE_DIRECTION, LINE_FULL, LINE_ORIGIN, LINE_ROOM, cast_line
+from maomaps_warp.kernels.ray_line import (
+    LINE_CELL,
+    LINE_DIRECTION,
+    LINE_FULL,
+    LINE_ORIGIN,
+    LINE_OWNER,
+    LINE_ROOM,
+    cast_line,
+)
 
 # What the answer to a transferred ray is for, in a line of `ray_line`.
-_OWNER_ELEMENT = wp.constant(6 * 48)
-_OWNER_POSE = wp.constant(7 * 48)
-_OWNER_CELL = wp.constant(8 * 48)  # x, y, z: field cell of the first predicted voxel
+_OWNER_ELEMENT = LINE_OWNER
+_OWNER_POSE = wp.constant(LINE_OWNER + LINE_ROOM)
+_OWNER_CELL = wp.constant(LINE_OWNER + 2 * LINE_ROOM)  # x, y, z: field cell of the first predicted voxel
 
 
 @wp.struct
@@ -53,15 +61,15 @@ def keep_transferred(
     cast_line(line, used, sight.gt)
     pair = out_pairs.used[0]
     for ray in range(used):
-        x, y, z = three_ints_at(line, LINE_CELL + ray, LINE_ROOM)
-        gt_voxel = voxel_at(sight.gt, x, y, z)
+        cell = vec3i_at(line, LINE_CELL + ray, LINE_ROOM)
+        gt_voxel = voxel_at(sight.gt, cell[0], cell[1], cell[2])
         if gt_voxel >= 0:
             element = int_at(line, _OWNER_ELEMENT + ray)
             out_count[element] = out_count[element] + 1
             out_pairs.element[pair] = element
             out_pairs.pose[pair] = int_at(line, _OWNER_POSE + ray)
-            est_x, est_y, est_z = three_ints_at(line, _OWNER_CELL + ray, LINE_ROOM)
-            out_pairs.est_voxel[pair] = voxel_at(sight.est, est_x, est_y, est_z)
+            est_cell = vec3i_at(line, _OWNER_CELL + ray, LINE_ROOM)
+            out_pairs.est_voxel[pair] = voxel_at(sight.est, est_cell[0], est_cell[1], est_cell[2])
             out_pairs.gt_voxel[pair] = gt_voxel
             pair += 1
     out_pairs.used[0] = pair
@@ -72,12 +80,8 @@ def transfer(
     # In:
     element: wp.int32,
     pose: wp.int32,
-    x: wp.int32,
-    y: wp.int32,
-    z: wp.int32,
-    way_x: wp.float32,
-    way_y: wp.float32,
-    way_z: wp.float32,
+    cell: wp.vec3i,
+    way: wp.vec3,
     used: wp.int32,
     sight: Sight,
     # In and out:
@@ -91,16 +95,15 @@ def transfer(
     Args:
         element: where its answer goes.
         pose: which pair of poses.
-        x, y, z: field cell of the first predicted voxel.
-        way_x, way_y, way_z: direction, map frame.
+        cell: field cell of the first predicted voxel.
+        way: direction, map frame.
         used, line: transferred rays in line.
     """
-    origin = sight.gt_origin[pose]
-    put_three(line, LINE_ORIGIN + used, LINE_ROOM, origin[0], origin[1], origin[2])
-    put_three(line, LINE_DIRECTION + used, LINE_ROOM, way_x, way_y, way_z)
+    put_vec3(line, LINE_ORIGIN + used, LINE_ROOM, sight.gt_origin[pose])
+    put_vec3(line, LINE_DIRECTION + used, LINE_ROOM, way)
     put(line, _OWNER_ELEMENT + used, element)
     put(line, _OWNER_POSE + used, pose)
-    put_three(line, _OWNER_CELL + used, LINE_ROOM, x, y, z)
+    put_vec3(line, _OWNER_CELL + used, LINE_ROOM, cell)
     used += 1
     if used == LINE_FULL:
         keep_transferred(line, used, sight, out_count, out_pairs)
@@ -111,9 +114,7 @@ def transfer(
 @wp.func(inline=True)
 def _near(line: wp.uint64, first: wp.int32, sight: Sight, room: wp.int32, slots: wp.uint64) -> lanes_i:
     """Which of sixteen rays met a voxel near enough to their element: the pose sees it."""
-    x = ints_at(line, LINE_CELL + first)
-    y = ints_at(line, LINE_CELL + LINE_ROOM + first)
-    z = ints_at(line, LINE_CELL + 2 * LINE_ROOM + first)
+    x, y, z = three_ints_at(line, LINE_CELL + first, LINE_ROOM)
     slot = ints_at(line, OWNER_SLOT + first)
     px = lanes_f()
     py = lanes_f()
@@ -163,35 +164,22 @@ def settle(
         for k in range(wp.min(used - first, 16)):
             ray = first + k
             slot = int_at(line, OWNER_SLOT + ray)
-            x, y, z = three_ints_at(line, LINE_CELL + ray, LINE_ROOM)
-            put_three(slots, SLOT_TRAIL * room + slot, room, float(x) + 0.5, float(y) + 0.5, float(z) + 0.5)
+            cell = vec3i_at(line, LINE_CELL + ray, LINE_ROOM)
+            put_vec3(slots, SLOT_TRAIL * room + slot, room, wp.vec3(cell) + wp.vec3(0.5, 0.5, 0.5))
             if near[k] != 0:
                 pose = int_at(line, OWNER_POSE + ray)
                 square = float_at(line, OWNER_SQUARE + ray)
-                way_x, way_y, way_z = three_floats_at(line, OWNER_WAY + ray, LINE_ROOM)
+                way = vec3_at(line, OWNER_WAY + ray, LINE_ROOM)
                 best = float_at(slots, SLOT_BEST * room + slot)
                 if choice == EVERY:
                     put(slots, SLOT_STATUS * room + slot, VISIBLE)
-                    gt_used = transfer(
-                        int_at(slots, SLOT_ELEMENT * room + slot),
-                        pose,
-                        x,
-                        y,
-                        z,
-                        way_x,
-                        way_y,
-                        way_z,
-                        gt_used,
-                        sight,
-                        gt_line,
-                        out_count,
-                        out_pairs,
-                    )
+                    element = int_at(slots, SLOT_ELEMENT * room + slot)
+                    gt_used = transfer(element, pose, cell, way, gt_used, sight, gt_line, out_count, out_pairs)
                 elif square < best or (square == best and pose < int_at(slots, SLOT_POSE * room + slot)):
                     if choice != NEAREST:
                         square = -1.0  # the first that sees it: no other is wanted
                     put(slots, SLOT_BEST * room + slot, square)
                     put(slots, SLOT_POSE * room + slot, pose)
-                    put_three(slots, SLOT_CELL * room + slot, room, x, y, z)
-                    put_three(slots, SLOT_WAY * room + slot, room, way_x, way_y, way_z)
+                    put_vec3(slots, SLOT_CELL * room + slot, room, cell)
+                    put_vec3(slots, SLOT_WAY * room + slot, room, way)
     return gt_used

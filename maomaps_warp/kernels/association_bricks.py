@@ -38,11 +38,11 @@ from maomaps_warp.kernels.association_slots import (
     want_no_more,
 )
 from maomaps_warp.kernels.association_trail import cells_of
-from maomaps_warp.kernels.lane_memory import float_at, floats_at, int_at, three_floats_at, three_ints_at
-from maomaps_warp.kernels.ray_line import LINE_FIELDS, LINE_FULL, LINE_ROOM, move_up
+from maomaps_warp.kernels.lane_memory import float_at, floats_at, int_at, vec3_at, vec3i_at
+from maomaps_warp.kernels.ray_line import LINE_FULL, LINE_SIZE, move_up
 
 #: How many poses look at a brick, before those elements leave that are answered; and how many times more next time.
-PATIENCE = wp.constant(4)
+_PATIENCE = wp.constant(4)
 _LONGER = wp.constant(3)
 
 
@@ -64,7 +64,7 @@ class Workspace:
     lists: PoseLists
     room: wp.int32  # slots, a multiple of 16
     slots: wp.uint64  # address of a block of SLOT_ROWS x room numbers, see `association_slots`
-    line: wp.uint64  # of LINE_FIELDS x LINE_ROOM numbers, see `ray_line`: rays of the estimate ...
+    line: wp.uint64  # of LINE_SIZE numbers, see `ray_line`: rays of the estimate ...
     gt_line: wp.uint64  # ... and transferred ones
     memory: wp.array(dtype=wp.int32)  # which holds these blocks
 
@@ -189,11 +189,9 @@ def leave(
             status = wp.min(int_at(slots, SLOT_STATUS * room + slot), VISIBLE)
             if pose >= 0:
                 status = int(VISIBLE)
-                x, y, z = three_ints_at(slots, SLOT_CELL * room + slot, room)
-                way_x, way_y, way_z = three_floats_at(slots, SLOT_WAY * room + slot, room)
-                gt_used = transfer(
-                    element, pose, x, y, z, way_x, way_y, way_z, gt_used, sight, space.gt_line, out_count, out_pairs
-                )
+                cell = vec3i_at(slots, SLOT_CELL * room + slot, room)
+                way = vec3_at(slots, SLOT_WAY * room + slot, room)
+                gt_used = transfer(element, pose, cell, way, gt_used, sight, space.gt_line, out_count, out_pairs)
             out_status[element] = status
     want_no_more(left, room, slots)
     return left, gt_used
@@ -213,14 +211,12 @@ def associate_brick(
     out_count: wp.array(dtype=wp.int32),
     out_pairs: Pairs,
 ):
-    """Associate the elements of a brick: their status, how many correspondences each has, and those."""
+    """Associate the elements of a brick: their status, their correspondences, and how many (counted on from 0)."""
     begin = bricks.first[brick]
     waiting = bricks.first[brick + 1] - begin
     low, high = fill_slots(begin, waiting, bricks.x, bricks.y, bricks.z, bricks.element, space.room, space.slots)
     count = _list_poses(low, high, sight, choice, space.lists)
-    for place in range(begin, begin + waiting):
-        out_count[bricks.element[place]] = 0
-    patience = int(PATIENCE)
+    patience = int(_PATIENCE)
     rank = int(0)
     gt_used = int(0)
     while waiting > 0:
@@ -240,8 +236,8 @@ def create_workspace(poses: int, elements: int) -> Workspace:
     space = Workspace()
     space.room = -(-elements // 16) * 16
     space.lists.room = -(-poses // 16) * 16 + 16
-    rows, line = SLOT_ROWS * space.room, LINE_FIELDS * int(LINE_ROOM)
-    lists = LIST_ROWS * space.lists.room + int(BINS)
+    rows, line = SLOT_ROWS * space.room, int(LINE_SIZE)
+    lists = LIST_ROWS * space.lists.room + BINS
     # Idle lanes compute with what is there, so zeros.
     space.memory = wp.zeros(rows + 2 * line + lists, dtype=wp.int32, device="cpu")
     space.slots = space.memory.ptr

@@ -14,11 +14,10 @@ import warp as wp
 from maomaps_warp.kernels.association_rules import View, flag
 from maomaps_warp.kernels.lane_memory import any_of, float_at, int_at, put
 from maomaps_warp.kernels.modules import OPTIONS
-from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i, smaller
+from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, smaller
 
 wp.set_module_options(OPTIONS)
 
-LANES = wp.constant(16)
 #: Squared distances are sorted by the highest bits of their float32: sixteen bins from 2^-8 to 2^-7 square metres,
 #: sixteen to 2^-6, and so on up to 2^8 (16 m); the first and the last hold all that are nearer or further away.
 BINS = wp.constant(256)
@@ -36,7 +35,7 @@ class PoseLists:
     rows of `room` numbers, and BINS more."""
 
     address: wp.uint64
-    room: wp.int32  # poses, and sixteen more
+    room: wp.int32  # sixteen more than poses, for the lanes of the last
 
 
 # Rows. The poses that may see the brick, in the order in which they are tried ...
@@ -44,8 +43,7 @@ LIST_POSE = wp.constant(0)
 LIST_BOUND = wp.constant(1)  # ... and square metres: neither this pose nor a later one is nearer to an element.
 _CULLED_POSE = wp.constant(2)  # In order of time ...
 _CULLED_BOUND = wp.constant(3)  # ... and how near each is at least.
-_BINS_ROW = wp.constant(4)
-LIST_ROWS = 4
+LIST_ROWS = wp.constant(4)
 
 
 @wp.func
@@ -142,20 +140,20 @@ def list_by_time(count: wp.int32, backwards: wp.bool, lists: PoseLists):
 
 
 @wp.func(inline=True)
-def _bin_of(bits: wp.int32) -> wp.int32:
-    return wp.clamp((bits >> _BIN_BITS) - _FIRST_BIN, 0, BINS - 1)
+def _bin_of(square: wp.float32) -> wp.int32:
+    return wp.clamp((wp.cast(square, wp.int32) >> _BIN_BITS) - _FIRST_BIN, 0, BINS - 1)
 
 
 @wp.func
 def list_by_distance(count: wp.int32, lists: PoseLists):
     """List culled poses by how near they are at least, in bins of a few per cent; in order of time within a bin."""
     address = lists.address
-    bins = _BINS_ROW * lists.room
+    bins = LIST_ROWS * lists.room
     culled = _CULLED_BOUND * lists.room
     for b in range(BINS):
         put(address, bins + b, int(0))
     for rank in range(count):
-        b = _bin_of(int_at(address, culled + rank))
+        b = _bin_of(float_at(address, culled + rank))
         put(address, bins + b, int_at(address, bins + b) + 1)
     next = int(0)
     for b in range(BINS):
@@ -163,7 +161,7 @@ def list_by_distance(count: wp.int32, lists: PoseLists):
         next += int_at(address, bins + b)
         put(address, bins + b, begin)
     for rank in range(count):
-        b = _bin_of(int_at(address, culled + rank))
+        b = _bin_of(float_at(address, culled + rank))
         place = int_at(address, bins + b)
         put(address, bins + b, place + 1)
         put(address, LIST_POSE * lists.room + place, int_at(address, _CULLED_POSE * lists.room + rank))

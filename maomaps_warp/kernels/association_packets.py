@@ -27,17 +27,13 @@ import warp as wp
 
 from maomaps_warp.kernels.association_answers import Pairs
 from maomaps_warp.kernels.association_bricks import Bricks, Workspace, associate_brick, create_workspace
-from maomaps_warp.kernels.association_rules import EVERY, FIRST, LAST, NEAREST
 from maomaps_warp.kernels.association_sight import Sight
 from maomaps_warp.kernels.modules import PACKETS
-
-__all__ = ["EVERY", "FIRST", "LAST", "NEAREST", "associate_packets", "create_pairs", "in_order"]
 
 
 @wp.kernel(module=PACKETS)
 def _associate_kernel(
     # In:
-    start: wp.int32,
     bricks: Bricks,
     sight: Sight,
     choice: wp.int32,
@@ -48,13 +44,12 @@ def _associate_kernel(
     out_count: wp.array(dtype=wp.int32),
     out_pairs: Pairs,
 ):
-    associate_brick(start + wp.tid(), bricks, sight, choice, space, out_status, out_count, out_pairs)
+    associate_brick(wp.tid(), bricks, sight, choice, space, out_status, out_count, out_pairs)
 
 
 @wp.kernel(module=PACKETS)
 def _in_order_kernel(
     # In:
-    start: wp.int32,
     pairs: Pairs,
     first_element: wp.int32,
     # In and out:
@@ -65,7 +60,7 @@ def _in_order_kernel(
     out_est_voxel: wp.array(dtype=wp.int32),
     out_gt_voxel: wp.array(dtype=wp.int32),
 ):
-    found = start + wp.tid()
+    found = wp.tid()
     element = pairs.element[found]
     pair = next_pair[element]
     next_pair[element] = pair + 1
@@ -95,7 +90,7 @@ def associate_packets(
     Args:
         bricks: elements, on the CPU.
         sight: poses, view and maps.
-        choice: NEAREST, FIRST or LAST of the poses that see an element, or EVERY one of them.
+        choice: NEAREST, FIRST or LAST of the poses that see an element, or EVERY one of them (`association_rules`).
         elements: how many.
         pairs: room for one correspondence of each element, for EVERY one from each pose; filled for `in_order`.
 
@@ -103,12 +98,12 @@ def associate_packets(
         Best status of each element, (N,) int32; its number of correspondences, (N,) int32.
     """
     pairs.used.zero_()
-    status, count = (wp.empty(elements, dtype=wp.int32, device="cpu") for _ in range(2))
+    status, count = (make(elements, dtype=wp.int32, device="cpu") for make in (wp.empty, wp.zeros))
     largest = int(np.diff(bricks.first.numpy()).max(initial=0))
     wp.launch(
         _associate_kernel,
         dim=len(bricks.first) - 1,
-        inputs=[0, bricks, sight, choice, create_workspace(len(sight.poses.est_position), largest)],
+        inputs=[bricks, sight, choice, create_workspace(len(sight.poses.est_position), largest)],
         outputs=[status, count, pairs],
         device="cpu",
     )
@@ -128,7 +123,5 @@ def in_order(pairs: Pairs, first_element: int, next_pair: wp.array) -> tuple[wp.
     """
     count = int(pairs.used.numpy()[0])
     outs = tuple(wp.empty(count, dtype=wp.int32, device="cpu") for _ in range(4))
-    wp.launch(
-        _in_order_kernel, dim=count, inputs=[0, pairs, first_element, next_pair], outputs=list(outs), device="cpu"
-    )
+    wp.launch(_in_order_kernel, dim=count, inputs=[pairs, first_element, next_pair], outputs=list(outs), device="cpu")
     return outs

@@ -25,15 +25,15 @@ from maomaps_warp.kernels.association_slots import (
 )
 from maomaps_warp.kernels.association_trail import blocked_again
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.lane_memory import any_of, floats_at, ints_at, put_lanes, put_three_lanes, three_lanes_at
+from maomaps_warp.kernels.lane_memory import any_of, floats_at, ints_at, put_lanes, put_three_lanes, three_floats_at
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
-from maomaps_warp.kernels.ray_line import LINE_DIRECTION, LINE_ORIGIN, LINE_ROOM
+from maomaps_warp.kernels.ray_line import LINE_DIRECTION, LINE_ORIGIN, LINE_OWNER, LINE_ROOM
 
 # What the answer to a ray of the estimate is for, in a line of `ray_line`.
-OWNER_SLOT = wp.constant(6 * 48)
-OWNER_POSE = wp.constant(7 * 48)
-OWNER_SQUARE = wp.constant(8 * 48)  # squared distance, square metres
-OWNER_WAY = wp.constant(9 * 48)  # x, y, z: the ray as the ground-truth pose casts it
+OWNER_SLOT = LINE_OWNER
+OWNER_POSE = wp.constant(LINE_OWNER + LINE_ROOM)
+OWNER_SQUARE = wp.constant(LINE_OWNER + 2 * LINE_ROOM)  # squared distance, square metres
+OWNER_WAY = wp.constant(LINE_OWNER + 3 * LINE_ROOM)  # x, y, z: the ray as the ground-truth pose casts it
 
 
 @wp.struct
@@ -134,7 +134,7 @@ def look(
     Returns:
         How many rays are in line.
     """
-    px, py, pz = three_lanes_at(slots, SLOT_X * room + first, room)
+    px, py, pz = three_floats_at(slots, SLOT_X * room + first, room)
     best = floats_at(slots, SLOT_BEST * room + first)
     best_pose = ints_at(slots, SLOT_POSE * room + first)
     square, qx, qy, qz, seen = _rays_to(px, py, pz, view, R, position, inv_voxel_size)
@@ -146,7 +146,7 @@ def look(
         dx, dy, dz = _to_map(R, qx, qy, qz)
         shot = seen
         if clearance_address != wp.uint64(0):  # a bricked field has no such cheap look: its rays are all cast
-            tx, ty, tz = three_lanes_at(slots, SLOT_TRAIL * room + first, room)
+            tx, ty, tz = three_floats_at(slots, SLOT_TRAIL * room + first, room)
             inv = inv_voxel_size
             blocked = blocked_again(tx, ty, tz, clearance_address, n, origin, dx * inv, dy * inv, dz * inv, square, gap)
             shot = seen - wp.cw_mul(seen, blocked)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import NO_POSE, OUT_OF_VIEW
-from maomaps_warp.kernels.lane_memory import int_at, put, put_three
+from maomaps_warp.kernels.lane_memory import int_at, put, put_vec3
 
 # Rows. Places of the estimate's map are metres, relative to the grid's origin.
 SLOT_X = wp.constant(0)  # x, y, z of the element
@@ -20,8 +20,7 @@ SLOT_WAY = wp.constant(8)  # x, y, z: the ray as its ground-truth pose casts it
 SLOT_TRAIL = wp.constant(11)  # x, y, z: where the last ray was stopped, field coordinates
 SLOT_STATUS = wp.constant(14)
 SLOT_ELEMENT = wp.constant(15)  # where its answer goes
-SLOT_ROWS = 16
-_ROWS = wp.constant(16)
+SLOT_ROWS = wp.constant(16)
 
 
 @wp.func(inline=False)
@@ -42,10 +41,10 @@ def fill_slots(
         point = wp.vec3(x[first + slot], y[first + slot], z[first + slot])
         low = wp.min(low, point)
         high = wp.max(high, point)
-        put_three(slots, SLOT_X * room + slot, room, point[0], point[1], point[2])
+        put_vec3(slots, SLOT_X * room + slot, room, point)
         put(slots, SLOT_BEST * room + slot, wp.inf)
         put(slots, SLOT_POSE * room + slot, NO_POSE)
-        put_three(slots, SLOT_TRAIL * room + slot, room, float(0.0), float(0.0), float(0.0))
+        put_vec3(slots, SLOT_TRAIL * room + slot, room, wp.vec3())
         put(slots, SLOT_STATUS * room + slot, OUT_OF_VIEW)
         put(slots, SLOT_ELEMENT * room + slot, element[first + slot])
     want_no_more(count, room, slots)
@@ -54,7 +53,7 @@ def fill_slots(
 
 @wp.func(inline=True)
 def move_slot(source: wp.int32, target: wp.int32, room: wp.int32, slots: wp.uint64):
-    for row in range(_ROWS):
+    for row in range(SLOT_ROWS):
         put(slots, row * room + target, int_at(slots, row * room + source))
 
 

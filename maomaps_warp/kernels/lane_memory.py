@@ -3,17 +3,16 @@
 A Warp array asks at each element for the sign of the index and for its stride, and a struct of arrays is copied where
 it is used. The packets' inner loops keep their state in blocks of four-byte numbers, and say where: `address` is that
 of a block, `place` counts numbers from there; of three numbers each lies `step` behind the one before. Whoever calls
-sees to it that the block is large enough, and lives.
+sees to it that the block is large enough, and lives; and that no function reads floats where it wrote whole numbers, or
+the other way round: to a C++ compiler those are different places. Rows that are moved whatever they hold (`move_slot`,
+`move_up`) are written and read elsewhere in functions that are not inlined.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
-
-wp.set_module_options(OPTIONS)
 
 _MANY = wp.constant(0x7FFFFFFF)
 
@@ -31,15 +30,15 @@ def int_at(address: wp.uint64, place: wp.int32) -> wp.int32:
 
 
 @wp.func(inline=True)
-def three_floats_at(address: wp.uint64, place: wp.int32, step: wp.int32):
+def vec3_at(address: wp.uint64, place: wp.int32, step: wp.int32) -> wp.vec3:
     numbers = wp.array(ptr=address, shape=(_MANY,), dtype=wp.float32)
-    return numbers[place & _MANY], numbers[(place + step) & _MANY], numbers[(place + 2 * step) & _MANY]
+    return wp.vec3(numbers[place & _MANY], numbers[(place + step) & _MANY], numbers[(place + 2 * step) & _MANY])
 
 
 @wp.func(inline=True)
-def three_ints_at(address: wp.uint64, place: wp.int32, step: wp.int32):
+def vec3i_at(address: wp.uint64, place: wp.int32, step: wp.int32) -> wp.vec3i:
     numbers = wp.array(ptr=address, shape=(_MANY,), dtype=wp.int32)
-    return numbers[place & _MANY], numbers[(place + step) & _MANY], numbers[(place + 2 * step) & _MANY]
+    return wp.vec3i(numbers[place & _MANY], numbers[(place + step) & _MANY], numbers[(place + 2 * step) & _MANY])
 
 
 @wp.func(inline=True)
@@ -55,19 +54,19 @@ def put(address: wp.uint64, place: wp.int32, value: wp.int32):
 
 
 @wp.func(inline=True)
-def put_three(address: wp.uint64, place: wp.int32, step: wp.int32, x: wp.float32, y: wp.float32, z: wp.float32):
+def put_vec3(address: wp.uint64, place: wp.int32, step: wp.int32, value: wp.vec3):
     numbers = wp.array(ptr=address, shape=(_MANY,), dtype=wp.float32)
-    numbers[place & _MANY] = x
-    numbers[(place + step) & _MANY] = y
-    numbers[(place + 2 * step) & _MANY] = z
+    numbers[place & _MANY] = value[0]
+    numbers[(place + step) & _MANY] = value[1]
+    numbers[(place + 2 * step) & _MANY] = value[2]
 
 
 @wp.func(inline=True)
-def put_three(address: wp.uint64, place: wp.int32, step: wp.int32, x: wp.int32, y: wp.int32, z: wp.int32):
+def put_vec3(address: wp.uint64, place: wp.int32, step: wp.int32, value: wp.vec3i):
     numbers = wp.array(ptr=address, shape=(_MANY,), dtype=wp.int32)
-    numbers[place & _MANY] = x
-    numbers[(place + step) & _MANY] = y
-    numbers[(place + 2 * step) & _MANY] = z
+    numbers[place & _MANY] = value[0]
+    numbers[(place + step) & _MANY] = value[1]
+    numbers[(place + 2 * step) & _MANY] = value[2]
 
 
 # Sixteen from `place` on, wherever that is: arrays of one vector, where it lies.
@@ -84,8 +83,13 @@ def ints_at(address: wp.uint64, place: wp.int32) -> lanes_i:
 
 
 @wp.func(inline=True)
-def three_lanes_at(address: wp.uint64, place: wp.int32, step: wp.int32):
+def three_floats_at(address: wp.uint64, place: wp.int32, step: wp.int32):
     return floats_at(address, place), floats_at(address, place + step), floats_at(address, place + 2 * step)
+
+
+@wp.func(inline=True)
+def three_ints_at(address: wp.uint64, place: wp.int32, step: wp.int32):
+    return ints_at(address, place), ints_at(address, place + step), ints_at(address, place + 2 * step)
 
 
 @wp.func(inline=True)

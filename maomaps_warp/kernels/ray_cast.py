@@ -19,11 +19,8 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField, clearance_at
-from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ray_leap import larger, leap
 from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_within, mirrored, unmirrored
-
-wp.set_module_options(OPTIONS)
 
 
 @wp.func

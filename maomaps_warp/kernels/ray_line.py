@@ -4,7 +4,7 @@ Looks leave few rays each: of sixteen elements some are out of view, some hidden
 what one look leaves would be half empty, and have nobody to take turns with (see `ray_packets`). So rays of any looks
 stand in one line, each with what its answer is for, and the first thirty-two of it are cast at once.
 
-A line is a block of memory (see `lane_memory`), LINE_FIELDS rows of LINE_ROOM numbers.
+A line is a block of memory (see `lane_memory`), LINE_SIZE numbers, in rows of LINE_ROOM.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.lane_memory import ints_at, put_lanes, put_three_lanes, three_lanes_at
+from maomaps_warp.kernels.lane_memory import ints_at, put_lanes, put_three_lanes, three_floats_at
 from maomaps_warp.kernels.ray_leap import lanes_f
 from maomaps_warp.kernels.ray_packets import cast_packets
 
@@ -22,10 +22,11 @@ LINE_FULL = wp.constant(32)
 LINE_ROOM = wp.constant(48)
 # Rows: the ray; what its answer is for, six numbers; the answer, the cell of the first voxel as whole numbers.
 LINE_ORIGIN = wp.constant(0)
-LINE_DIRECTION = wp.constant(3 * 48)
-LINE_OWNER = wp.constant(6 * 48)
-LINE_CELL = wp.constant(12 * 48)
-LINE_FIELDS = 15
+LINE_DIRECTION = wp.constant(3 * LINE_ROOM)
+LINE_OWNER = wp.constant(6 * LINE_ROOM)
+LINE_CELL = wp.constant(12 * LINE_ROOM)
+LINE_SIZE = 15 * LINE_ROOM
+_ROWS_THAT_MOVE = wp.constant(12)
 
 
 @wp.func(inline=True)
@@ -39,10 +40,10 @@ def _is_used(first: wp.int32, used: wp.int32) -> lanes_f:
 @wp.func(inline=False)
 def cast_line(line: wp.uint64, used: wp.int32, field: DistanceField):
     """Cast the first 32 of `used` rays (or all, if they are fewer) and write down their cells."""
-    ox, oy, oz = three_lanes_at(line, LINE_ORIGIN, LINE_ROOM)
-    dx, dy, dz = three_lanes_at(line, LINE_DIRECTION, LINE_ROOM)
-    ox2, oy2, oz2 = three_lanes_at(line, LINE_ORIGIN + 16, LINE_ROOM)
-    dx2, dy2, dz2 = three_lanes_at(line, LINE_DIRECTION + 16, LINE_ROOM)
+    ox, oy, oz = three_floats_at(line, LINE_ORIGIN, LINE_ROOM)
+    dx, dy, dz = three_floats_at(line, LINE_DIRECTION, LINE_ROOM)
+    ox2, oy2, oz2 = three_floats_at(line, LINE_ORIGIN + 16, LINE_ROOM)
+    dx2, dy2, dz2 = three_floats_at(line, LINE_DIRECTION + 16, LINE_ROOM)
     active = _is_used(0, used)
     active2 = _is_used(16, used)
     x, y, z, x2, y2, z2 = cast_packets(field, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2)
@@ -53,6 +54,6 @@ def cast_line(line: wp.uint64, used: wp.int32, field: DistanceField):
 @wp.func(inline=True)
 def move_up(line: wp.uint64, used: wp.int32) -> wp.int32:
     """Let the rays behind the first 32 take their place; gives how many they are."""
-    for row in range(12):
+    for row in range(_ROWS_THAT_MOVE):
         put_lanes(line, row * LINE_ROOM, ints_at(line, row * LINE_ROOM + LINE_FULL))
     return wp.max(used - LINE_FULL, 0)

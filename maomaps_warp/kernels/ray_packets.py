@@ -3,7 +3,8 @@
 What `ray_cast` says of leaps holds here. A leap is a chain of some twenty operations that wait for one another, and
 for a look into memory; a packet alone leaves the processor idle for more than half of it. So two packets take turns,
 and one's waiting is the other's work. Limits: the two go on until all of their rays have ended, so rays in unlike
-directions wait for the slowest; rays through a bricked field go one by one.
+directions wait for the slowest; rays through a bricked field go one by one. Warp must not unroll the loops over lanes:
+kernels that call this want `max_unroll` 1 (see `modules`).
 """
 
 from __future__ import annotations
@@ -11,17 +12,12 @@ from __future__ import annotations
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ray_cast import cast_ray
 from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, larger, leap
 from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_within, mirrored, unmirrored
 
-# Loops over lanes are left to LLVM, see `modules`.
-wp.set_module_options(OPTIONS)
-wp.set_module_options({"max_unroll": 1})
-
 #: Longer than any field, and all bits of an index but its sign.
-ALL_BUT_SIGN = wp.constant(0x7FFFFFFF)
+_ALL_BUT_SIGN = wp.constant(0x7FFFFFFF)
 
 
 @wp.func(inline=True)
@@ -81,9 +77,9 @@ def _begin(
 @wp.func(inline=True)
 def look_up(address: wp.uint64, at: lanes_i) -> lanes_i:
     """Clearances of a dense field at some cells, each given by its place in memory."""
-    # Of the bare address: a Warp array asks at each element for the sign of the index and for its stride.
-    clearance = wp.array(ptr=address, shape=(ALL_BUT_SIGN,), dtype=wp.int32)
-    element = (at >> lanes_i(3)) & lanes_i(ALL_BUT_SIGN)
+    # Of the bare address, as in `lane_memory`.
+    clearance = wp.array(ptr=address, shape=(_ALL_BUT_SIGN,), dtype=wp.int32)
+    element = (at >> lanes_i(3)) & lanes_i(_ALL_BUT_SIGN)
     eight = lanes_i()
     for lane in range(LANES):
         eight[lane] = clearance[element[lane]]

@@ -178,7 +178,7 @@ def parse_table(
     launch_ranges(
         _parse_table_kernel,
         blocks,
-        inputs=[wp.uint64(text.ptr), ends, is_delimited, powers],
+        inputs=[wp.uint64(text.ptr or 0), ends, is_delimited, powers],
         outputs=[out_values, out_is_refused],
         device=device,
         threads=threads,

@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import warp as wp
 
-# No fused multiply-adds, as everywhere.
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 EMPTY_KEY = wp.constant(wp.int64(-1))
 KEY_BITS = wp.constant(wp.int64(21))
 KEY_BIAS = wp.constant(1 << 20)

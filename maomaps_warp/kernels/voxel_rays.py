@@ -1,7 +1,4 @@
-"""First occupied voxels on many rays: the launcher, and what other Warp programs embed.
-
-How rays are cast is told in `ray_cast` (one ray) and in `ray_packets` (sixteen side by side, and twice sixteen).
-"""
+"""First occupied voxels on many rays: the launcher. How they are cast is told in `ray_cast` and in `ray_packets`."""
 
 from __future__ import annotations
 
@@ -15,43 +12,17 @@ from maomaps_warp.kernels.ray_cast import cast_ray
 from maomaps_warp.kernels.ray_leap import LANES, lanes_f
 from maomaps_warp.kernels.ray_packets import cast_packets
 
-__all__ = ["cast_packet", "cast_packets", "cast_ray", "cast_voxel_rays"]
-
 # Loops over lanes are left to LLVM, see `modules`.
 wp.set_module_options(OPTIONS)
 wp.set_module_options({"max_unroll": 1})
 
 #: Rays of a task on a CPU.
-TWO_PACKETS = wp.constant(32)
-
-
-@wp.func(inline=True)
-def cast_packet(
-    field: DistanceField,
-    ox: lanes_f,
-    oy: lanes_f,
-    oz: lanes_f,
-    dx: lanes_f,
-    dy: lanes_f,
-    dz: lanes_f,
-    active: lanes_f,
-):
-    """Field cells of the first voxels on 16 rays: lanes_i x, y, z. Twice 16 (`cast_packets`) take little longer.
-
-    Args:
-        field: the map.
-        ox, oy, oz: origins, field coordinates, see `ray_origin`.
-        dx, dy, dz: directions, map frame, of any length from 1e-18 to 1e18.
-        active: 0 where no ray is to be cast: the answer is a border cell.
-    """
-    none = lanes_f()
-    x, y, z, _x, _y, _z = cast_packets(field, ox, oy, oz, dx, dy, dz, active, ox, oy, oz, dx, dy, dz, none)
-    return x, y, z
+_TWO_PACKETS = wp.constant(32)
 
 
 @wp.func(inline=True)
 def _load_rays(field: DistanceField, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), first: int):
-    """Sixteen rays from `first` on, as `cast_packet` takes them; beyond the last there are none."""
+    """Sixteen rays from `first` on, as `cast_packets` takes them; beyond the last there are none."""
     last = origins.shape[0] - 1
     ox = lanes_f()
     oy = lanes_f()
@@ -84,7 +55,7 @@ def _cast_packets_kernel(
     # Out:
     out_voxel: wp.array(dtype=wp.int32),
 ):
-    first = TWO_PACKETS * (start + wp.tid())
+    first = _TWO_PACKETS * (start + wp.tid())
     second = first + LANES
     ox, oy, oz, dx, dy, dz, active = _load_rays(field, origins, directions, first)
     ox2, oy2, oz2, dx2, dy2, dz2, active2 = _load_rays(field, origins, directions, second)
@@ -142,7 +113,7 @@ def cast_voxel_rays(
     in_packets = packets and device.is_cpu
     launch_ranges(
         _cast_packets_kernel if in_packets else _cast_rays_kernel,
-        -(-len(origins) // int(TWO_PACKETS)) if in_packets else len(origins),
+        -(-len(origins) // int(_TWO_PACKETS)) if in_packets else len(origins),
         inputs=[field, origins, directions],
         outputs=[out_voxel],
         device=device,

@@ -25,7 +25,7 @@ class Statistics:
 
     @classmethod
     def of(cls, errors: NDArray[np.float64]) -> Statistics | None:
-        """Statistics of `errors`, (N,) float64; None if there are none: no data, no number."""
+        """Statistics of `errors`, (N,) float64, finite; None if there are none: no data, no number."""
         if not len(errors):
             return None
         in_order = np.sort(errors)  # takes less time than looking for the six places between which percentiles lie

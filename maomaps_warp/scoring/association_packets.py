@@ -23,7 +23,7 @@ _FIRST_CHUNK = 64
 _CHUNKS_PER_THREAD = 7
 #: Elements of a chunk: enough that bricks are whole, few enough that progress is told.
 _CHUNK_POINTS = (1 << 11, 1 << 15)
-#: Most correspondences for which a launch has room; 16 bytes each, touched only where something is found.
+#: Most correspondences for which a launch has room; 16 bytes each, in each thread, touched only where some are found.
 _MOST_PAIRS = 1 << 24
 
 
@@ -53,7 +53,7 @@ class PacketSearch:
         self.sight.est, self.sight.gt = est.field, gt.field
         self.sight.tolerance = rules.occlusion_tolerance
         for side, field in (("est", est.field), ("gt", gt.field)):
-            origins = ray_origins(field, getattr(self.sight.poses, f"{side}_position").numpy())
+            origins = _ray_origins(field, getattr(self.sight.poses, f"{side}_position").numpy())
             setattr(self.sight, f"{side}_origin", wp.array(origins, dtype=wp.vec3, device="cpu"))
         choices = {"nearest": kinds.NEAREST, "first": kinds.FIRST, "last": kinds.LAST, "all": kinds.EVERY}
         self.choice = int(choices[rules.pose_choice])
@@ -93,8 +93,8 @@ class PacketSearch:
         from maomaps_warp.kernels.association_packets import create_pairs
 
         if getattr(self._own, "room", -1) < pairs:
-            self._own.room = pairs
             self._own.pairs = create_pairs(pairs)
+            self._own.room = pairs
         return self._own.pairs
 
 
@@ -112,7 +112,7 @@ def _kernel_bricks(bricks: ElementBricks) -> Any:
     return on_device
 
 
-def ray_origins(field: Any, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+def _ray_origins(field: Any, positions: NDArray[np.float32]) -> NDArray[np.float32]:
     """Positions (P, 3), metres relative to the grid's origin, in field coordinates: the kernels' `ray_origin`."""
     shift = np.array(field.origin_shift, dtype=np.float64)
     return (positions.astype(np.float64) * float(field.origin_scale) + shift).astype(np.float32)
