@@ -147,9 +147,10 @@ def _is_numeric(array: object) -> bool:
 def _finished(
     path: Path, points: NDArray[np.float64], colors: NDArray[np.generic] | None, notes: tuple[str, ...]
 ) -> PointCloud:
-    x, y, z = points.T
-    finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)  # NumPy is slow along rows of three
-    dropped = len(points) - int(finite.sum())
+    dropped = 0
+    if not np.isfinite(points).all():
+        finite = np.isfinite(points).all(axis=1)
+        dropped = len(points) - int(finite.sum())
     if dropped == len(points):
         found = f"all of its {dropped} points are NaN or infinite" if dropped else "holds no points"
         raise InputError(path, found, "a map needs at least one point")

@@ -141,7 +141,7 @@ def _checked(source: Source, side: Side) -> Source:
 
 
 def _check_reach(where: str, item: str, points: NDArray[np.float64]) -> None:
-    if np.abs(points).max(initial=0.0) > LARGEST_COORDINATE_M:
+    if max(points.max(initial=0.0), -points.min(initial=0.0)) > LARGEST_COORDINATE_M:
         far = np.flatnonzero(np.abs(points).max(axis=1) > LARGEST_COORDINATE_M)
         place = " ".join(f"{value:g}" for value in points[far[0]])
         more = f"; {len(far)} of {len(points)} are so" if len(far) > 1 else ""

@@ -25,10 +25,11 @@ def check_extent(points: NDArray[np.float64], grid: VoxelGrid, source: str) -> N
     if not len(points):
         return
     limit = (KEY_BIAS - 2) * grid.voxel_size
-    # Column by column: reducing (N, 3) over its long axis is many times slower in NumPy.
-    columns = list(zip(points.T, grid.origin, strict=True))
-    if max(max(column.max() - origin, origin - column.min()) for column, origin in columns) > limit:
-        distance = np.abs(points - grid.origin).max(axis=1)
+    # Of all coordinates at once, and then exactly: NumPy is many times slower along rows of three.
+    if max(points.max() - grid.origin.min(), grid.origin.max() - points.min()) <= limit:
+        return
+    distance = np.abs(points - grid.origin).max(axis=1)
+    if distance.max() > limit:
         worst = int(distance.argmax())
         x, y, z = points[worst]
         raise InputError(
