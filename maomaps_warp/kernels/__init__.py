@@ -29,7 +29,7 @@ _NAMES = {
     "nearest": ("PointTree", "find_nearest", "nearest_point"),
     "pair_errors": ("Pairs", "pair_errors"),
     "ray_cast": ("cast_ray",),
-    "ray_packets": ("cast_packets",),
+    "ray_packets": ("Packet", "cast_packets"),
     "render": ("Images", "MeshScene", "render_scene", "view_from"),
     "surface": ("Surface", "build_surface", "cast_rays", "first_surface"),
     "voxel_hash": (

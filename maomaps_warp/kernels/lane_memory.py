@@ -10,6 +10,8 @@ the other way round: to a C++ compiler those are different places. Rows that are
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
@@ -54,19 +56,10 @@ def put(address: wp.uint64, place: wp.int32, value: wp.int32):
 
 
 @wp.func(inline=True)
-def put_vec3(address: wp.uint64, place: wp.int32, step: wp.int32, value: wp.vec3):
-    numbers = wp.array(ptr=address, shape=(_MANY,), dtype=wp.float32)
-    numbers[place & _MANY] = value[0]
-    numbers[(place + step) & _MANY] = value[1]
-    numbers[(place + 2 * step) & _MANY] = value[2]
-
-
-@wp.func(inline=True)
-def put_vec3(address: wp.uint64, place: wp.int32, step: wp.int32, value: wp.vec3i):
-    numbers = wp.array(ptr=address, shape=(_MANY,), dtype=wp.int32)
-    numbers[place & _MANY] = value[0]
-    numbers[(place + step) & _MANY] = value[1]
-    numbers[(place + 2 * step) & _MANY] = value[2]
+def put_vec3(address: wp.uint64, place: wp.int32, step: wp.int32, value: Any):
+    put(address, place, value[0])
+    put(address, place + step, value[1])
+    put(address, place + 2 * step, value[2])
 
 
 # Sixteen from `place` on, wherever that is: arrays of one vector, where it lies.
@@ -105,14 +98,7 @@ def put_lanes(address: wp.uint64, place: wp.int32, value: lanes_i):
 
 
 @wp.func(inline=True)
-def put_three_lanes(address: wp.uint64, place: wp.int32, step: wp.int32, x: lanes_f, y: lanes_f, z: lanes_f):
-    put_lanes(address, place, x)
-    put_lanes(address, place + step, y)
-    put_lanes(address, place + 2 * step, z)
-
-
-@wp.func(inline=True)
-def put_three_lanes(address: wp.uint64, place: wp.int32, step: wp.int32, x: lanes_i, y: lanes_i, z: lanes_i):
+def put_three_lanes(address: wp.uint64, place: wp.int32, step: wp.int32, x: Any, y: Any, z: Any):
     put_lanes(address, place, x)
     put_lanes(address, place + step, y)
     put_lanes(address, place + 2 * step, z)

@@ -13,13 +13,13 @@ import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField
 from maomaps_warp.kernels.lane_memory import ints_at, put_lanes, put_three_lanes, three_floats_at
-from maomaps_warp.kernels.ray_leap import lanes_f
-from maomaps_warp.kernels.ray_packets import cast_packets
+from maomaps_warp.kernels.ray_leap import LANES, lanes_f
+from maomaps_warp.kernels.ray_packets import Packet, cast_packets
 
 #: Rays that are cast at once.
-LINE_FULL = wp.constant(32)
+LINE_FULL = wp.constant(2 * LANES)
 #: Rays that a line has room for: one less than are cast, and those of one look.
-LINE_ROOM = wp.constant(48)
+LINE_ROOM = wp.constant(3 * LANES)
 # Rows: the ray; what its answer is for, six numbers; the answer, the cell of the first voxel as whole numbers.
 LINE_ORIGIN = wp.constant(0)
 LINE_DIRECTION = wp.constant(3 * LINE_ROOM)
@@ -30,23 +30,27 @@ _ROWS_THAT_MOVE = wp.constant(12)
 
 
 @wp.func(inline=True)
-def _is_used(first: wp.int32, used: wp.int32) -> lanes_f:
-    r = lanes_f()
+def _packet_at(line: wp.uint64, first: wp.int32, used: wp.int32) -> Packet:
+    ox, oy, oz = three_floats_at(line, LINE_ORIGIN + first, LINE_ROOM)
+    dx, dy, dz = three_floats_at(line, LINE_DIRECTION + first, LINE_ROOM)
+    active = lanes_f()
     for k in range(16):
-        r[k] = wp.where(first + k < used, 1.0, 0.0)
-    return r
+        active[k] = wp.where(first + k < used, 1.0, 0.0)
+    rays = Packet()
+    rays.ox = ox
+    rays.oy = oy
+    rays.oz = oz
+    rays.dx = dx
+    rays.dy = dy
+    rays.dz = dz
+    rays.active = active
+    return rays
 
 
 @wp.func(inline=False)
 def cast_line(line: wp.uint64, used: wp.int32, field: DistanceField):
     """Cast the first 32 of `used` rays (or all, if they are fewer) and write down their cells."""
-    ox, oy, oz = three_floats_at(line, LINE_ORIGIN, LINE_ROOM)
-    dx, dy, dz = three_floats_at(line, LINE_DIRECTION, LINE_ROOM)
-    ox2, oy2, oz2 = three_floats_at(line, LINE_ORIGIN + 16, LINE_ROOM)
-    dx2, dy2, dz2 = three_floats_at(line, LINE_DIRECTION + 16, LINE_ROOM)
-    active = _is_used(0, used)
-    active2 = _is_used(16, used)
-    x, y, z, x2, y2, z2 = cast_packets(field, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2)
+    x, y, z, x2, y2, z2 = cast_packets(field, _packet_at(line, 0, used), _packet_at(line, 16, used))
     put_three_lanes(line, LINE_CELL, LINE_ROOM, x, y, z)
     put_three_lanes(line, LINE_CELL + 16, LINE_ROOM, x2, y2, z2)
 

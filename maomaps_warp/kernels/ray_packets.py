@@ -20,23 +20,31 @@ from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_w
 _ALL_BUT_SIGN = wp.constant(0x7FFFFFFF)
 
 
+@wp.struct
+class Packet:
+    """Sixteen rays."""
+
+    ox: lanes_f  # origins, field coordinates, see `ray_origin`
+    oy: lanes_f
+    oz: lanes_f
+    dx: lanes_f  # directions, map frame, of any length from 1e-18 to 1e18
+    dy: lanes_f
+    dz: lanes_f
+    active: lanes_f  # 0 where no ray is to be cast: the answer is a border cell
+
+
 @wp.func(inline=True)
-def _begin(
-    n: wp.vec3i,
-    ox: lanes_f,
-    oy: lanes_f,
-    oz: lanes_f,
-    dx: lanes_f,
-    dy: lanes_f,
-    dz: lanes_f,
-    active: lanes_f,
-):
+def _begin(n: wp.vec3i, rays: Packet):
     """Rays mirrored: origins, directions and their inverses, first cells; where a cell (x, y, z) of a ray lies in
     memory, base + x * along_x + y * along_y + z * along_z, the first byte for idle lanes; and which lanes cast."""
+    dx = rays.dx
+    dy = rays.dy
+    dz = rays.dz
+    active = rays.active
     largest = larger(wp.abs(dx), larger(wp.abs(dy), wp.abs(dz)))
-    px, ex, ix = mirrored(ox, dx, largest, n[0])
-    py, ey, iy = mirrored(oy, dy, largest, n[1])
-    pz, ez, iz = mirrored(oz, dz, largest, n[2])
+    px, ex, ix = mirrored(rays.ox, dx, largest, n[0])
+    py, ey, iy = mirrored(rays.oy, dy, largest, n[1])
+    pz, ez, iz = mirrored(rays.oz, dz, largest, n[2])
     casts = lanes_f()
     outside = lanes_f()
     # Whole numbers are summed up: with floats, whose order counts, the loop would not become vector operations.
@@ -92,8 +100,11 @@ def _place(x: lanes_f, y: lanes_f, z: lanes_f, base: lanes_i, ax: lanes_i, ay: l
 
 
 @wp.func(inline=True)
-def _end(n: wp.vec3i, x: lanes_f, y: lanes_f, z: lanes_f, dx: lanes_f, dy: lanes_f, dz: lanes_f, casts: lanes_f):
+def _end(n: wp.vec3i, x: lanes_f, y: lanes_f, z: lanes_f, rays: Packet, casts: lanes_f):
     """Field cells of mirrored rays; (0, 0, 0) for those that were not cast."""
+    dx = rays.dx
+    dy = rays.dy
+    dz = rays.dz
     cell_x = lanes_i()
     cell_y = lanes_i()
     cell_z = lanes_i()
@@ -106,29 +117,10 @@ def _end(n: wp.vec3i, x: lanes_f, y: lanes_f, z: lanes_f, dx: lanes_f, dy: lanes
 
 
 @wp.func(inline=False)
-def cast_dense_packets(
-    clearance_address: wp.uint64,
-    n: wp.vec3i,
-    ox: lanes_f,
-    oy: lanes_f,
-    oz: lanes_f,
-    dx: lanes_f,
-    dy: lanes_f,
-    dz: lanes_f,
-    active: lanes_f,
-    ox2: lanes_f,
-    oy2: lanes_f,
-    oz2: lanes_f,
-    dx2: lanes_f,
-    dy2: lanes_f,
-    dz2: lanes_f,
-    active2: lanes_f,
-):
+def cast_dense_packets(clearance_address: wp.uint64, n: wp.vec3i, rays: Packet, rays2: Packet):
     """`cast_packets` of a dense field of `n` cells."""
-    px, py, pz, ex, ey, ez, ix, iy, iz, x, y, z, base, ax, ay, az, casts = _begin(n, ox, oy, oz, dx, dy, dz, active)
-    px2, py2, pz2, ex2, ey2, ez2, ix2, iy2, iz2, x2, y2, z2, base2, ax2, ay2, az2, casts2 = _begin(
-        n, ox2, oy2, oz2, dx2, dy2, dz2, active2
-    )
+    px, py, pz, ex, ey, ez, ix, iy, iz, x, y, z, base, ax, ay, az, casts = _begin(n, rays)
+    px2, py2, pz2, ex2, ey2, ez2, ix2, iy2, iz2, x2, y2, z2, base2, ax2, ay2, az2, casts2 = _begin(n, rays2)
     longest = wp.int32(1)
     while longest != 0:
         r = look_up(clearance_address, _place(x, y, z, base, ax, ay, az))
@@ -138,28 +130,19 @@ def cast_dense_packets(
         longest = wp.int32(0)
         for lane in range(LANES):
             longest = longest | r[lane] | r2[lane]
-    cell_x, cell_y, cell_z = _end(n, x, y, z, dx, dy, dz, casts)
-    cell_x2, cell_y2, cell_z2 = _end(n, x2, y2, z2, dx2, dy2, dz2, casts2)
+    cell_x, cell_y, cell_z = _end(n, x, y, z, rays, casts)
+    cell_x2, cell_y2, cell_z2 = _end(n, x2, y2, z2, rays2, casts2)
     return cell_x, cell_y, cell_z, cell_x2, cell_y2, cell_z2
 
 
 @wp.func(inline=False)
-def cast_bricked_packet(
-    field: DistanceField,
-    ox: lanes_f,
-    oy: lanes_f,
-    oz: lanes_f,
-    dx: lanes_f,
-    dy: lanes_f,
-    dz: lanes_f,
-    active: lanes_f,
-):
+def cast_bricked_packet(field: DistanceField, rays: Packet):
     """A packet of a bricked field, ray by ray."""
     x, y, z = lanes_i(), lanes_i(), lanes_i()
     for lane in range(LANES):
-        if active[lane] != 0.0:
-            origin = wp.vec3(ox[lane], oy[lane], oz[lane])
-            cell = cast_ray(field, origin, wp.vec3(dx[lane], dy[lane], dz[lane]))
+        if rays.active[lane] != 0.0:
+            origin = wp.vec3(rays.ox[lane], rays.oy[lane], rays.oz[lane])
+            cell = cast_ray(field, origin, wp.vec3(rays.dx[lane], rays.dy[lane], rays.dz[lane]))
             x[lane] = cell[0]
             y[lane] = cell[1]
             z[lane] = cell[2]
@@ -167,39 +150,13 @@ def cast_bricked_packet(
 
 
 @wp.func(inline=True)
-def cast_packets(
-    field: DistanceField,
-    ox: lanes_f,
-    oy: lanes_f,
-    oz: lanes_f,
-    dx: lanes_f,
-    dy: lanes_f,
-    dz: lanes_f,
-    active: lanes_f,
-    ox2: lanes_f,
-    oy2: lanes_f,
-    oz2: lanes_f,
-    dx2: lanes_f,
-    dy2: lanes_f,
-    dz2: lanes_f,
-    active2: lanes_f,
-):
-    """Field cells of the first voxels on twice 16 rays, lanes_i x, y, z, x2, y2, z2: lane by lane those of `cast_ray`.
-
-    Args:
-        field: the map.
-        ox, oy, oz: origins of the first packet, field coordinates, see `ray_origin`.
-        dx, dy, dz: directions, map frame, of any length from 1e-18 to 1e18.
-        active: 0 where no ray is to be cast: the answer is a border cell.
-        ox2, oy2, oz2, dx2, dy2, dz2, active2: the second packet.
-    """
+def cast_packets(field: DistanceField, rays: Packet, rays2: Packet):
+    """Field cells of the first voxels on two packets, lanes_i x, y, z, x2, y2, z2: lane by lane those of `cast_ray`."""
     x, y, z, x2, y2, z2 = lanes_i(), lanes_i(), lanes_i(), lanes_i(), lanes_i(), lanes_i()
     if field.is_bricked:
-        x, y, z = cast_bricked_packet(field, ox, oy, oz, dx, dy, dz, active)
-        x2, y2, z2 = cast_bricked_packet(field, ox2, oy2, oz2, dx2, dy2, dz2, active2)
+        x, y, z = cast_bricked_packet(field, rays)
+        x2, y2, z2 = cast_bricked_packet(field, rays2)
     else:
         n = wp.vec3i(field.nx, field.ny, field.nz)
-        x, y, z, x2, y2, z2 = cast_dense_packets(
-            field.clearance_address, n, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2
-        )
+        x, y, z, x2, y2, z2 = cast_dense_packets(field.clearance_address, n, rays, rays2)
     return x, y, z, x2, y2, z2

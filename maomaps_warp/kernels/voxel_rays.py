@@ -10,19 +10,19 @@ from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.ray_cast import cast_ray
 from maomaps_warp.kernels.ray_leap import LANES, lanes_f
-from maomaps_warp.kernels.ray_packets import cast_packets
+from maomaps_warp.kernels.ray_packets import Packet, cast_packets
 
 # Loops over lanes are left to LLVM, see `modules`.
 wp.set_module_options(OPTIONS)
 wp.set_module_options({"max_unroll": 1})
 
 #: Rays of a task on a CPU.
-_TWO_PACKETS = wp.constant(32)
+_TWO_PACKETS = wp.constant(2 * LANES)
 
 
 @wp.func(inline=True)
 def _load_rays(field: DistanceField, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), first: int):
-    """Sixteen rays from `first` on, as `cast_packets` takes them; beyond the last there are none."""
+    """Sixteen rays from `first` on; beyond the last there are none."""
     last = origins.shape[0] - 1
     ox = lanes_f()
     oy = lanes_f()
@@ -42,7 +42,15 @@ def _load_rays(field: DistanceField, origins: wp.array(dtype=wp.vec3), direction
         dy[lane] = direction[1]
         dz[lane] = direction[2]
         active[lane] = wp.where(first + lane <= last, 1.0, 0.0)
-    return ox, oy, oz, dx, dy, dz, active
+    rays = Packet()
+    rays.ox = ox
+    rays.oy = oy
+    rays.oz = oz
+    rays.dx = dx
+    rays.dy = dy
+    rays.dz = dz
+    rays.active = active
+    return rays
 
 
 @wp.kernel
@@ -57,9 +65,9 @@ def _cast_packets_kernel(
 ):
     first = _TWO_PACKETS * (start + wp.tid())
     second = first + LANES
-    ox, oy, oz, dx, dy, dz, active = _load_rays(field, origins, directions, first)
-    ox2, oy2, oz2, dx2, dy2, dz2, active2 = _load_rays(field, origins, directions, second)
-    x, y, z, x2, y2, z2 = cast_packets(field, ox, oy, oz, dx, dy, dz, active, ox2, oy2, oz2, dx2, dy2, dz2, active2)
+    rays = _load_rays(field, origins, directions, first)
+    rays2 = _load_rays(field, origins, directions, second)
+    x, y, z, x2, y2, z2 = cast_packets(field, rays, rays2)
     for lane in range(wp.min(wp.int32(LANES), origins.shape[0] - first)):
         out_voxel[first + lane] = voxel_at(field, x[lane], y[lane], z[lane])
     for lane in range(wp.min(wp.int32(LANES), origins.shape[0] - second)):

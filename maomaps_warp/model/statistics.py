@@ -28,32 +28,23 @@ class Statistics:
         """Statistics of `errors`, (N,) float64, finite; None if there are none: no data, no number."""
         if not len(errors):
             return None
-        in_order = np.sort(errors)  # takes less time than looking for the six places between which percentiles lie
-        median, p90, p95 = (_percentile(in_order, percent) for percent in (50, 90, 95))
+        in_order = np.sort(errors)  # in which NumPy finds percentiles at once; both take less time than finding alone
+        median, p90, p95 = np.percentile(in_order, [50, 90, 95])
         # Not np.dot: the order of its sum depends on the number of threads.
         sse = float(np.square(errors).sum())
         return cls(
             count=len(errors),
             rmse=float(np.sqrt(sse / len(errors))),
             mean=float(errors.mean()),
-            median=median,
+            median=float(median),
             std=float(errors.std()),
             min=float(in_order[0]),
             max=float(in_order[-1]),
-            p90=p90,
-            p95=p95,
+            p90=float(p90),
+            p95=float(p95),
             sse=sse,
         )
 
     def as_dict(self) -> dict[str, float]:
         """The fields by name, for JSON."""
         return asdict(self)
-
-
-def _percentile(in_order: NDArray[np.float64], percent: float) -> float:
-    """A percentile of sorted numbers, (N,) float64, N >= 1: NumPy's `linear`, to the last bit."""
-    place = percent / 100.0 * (len(in_order) - 1)
-    below = int(place)
-    low, high = in_order[below], in_order[min(below + 1, len(in_order) - 1)]
-    share, step = place - below, high - low
-    return float(low + step * share if share < 0.5 else high - step * (1.0 - share))

@@ -41,10 +41,7 @@ class VoxelGrid:
     @classmethod
     def around(cls, points: NDArray[np.float64], voxel_size: float, center_offset: float = 0.0) -> VoxelGrid:
         """A grid whose origin lies in the middle of `points`, (N, 3) float64 metres, N >= 1."""
-        # np.median gives the same, but loads NumPy's masked arrays for it.
-        half = len(points) // 2
-        below = (len(points) - 1) // 2
-        middle = np.array([np.partition(column, (below, half))[[below, half]].mean() for column in points.T])
+        middle = np.median(points, axis=0)
         return cls(voxel_size, 2 * np.rint(middle / (2.0 * voxel_size)).astype(np.int64), center_offset)
 
     @property
