@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
 
@@ -40,6 +39,8 @@ def _load(name_or_file: str, presets: dict[str, AnyProtocol]) -> AnyProtocol:
         raise InputError(
             f"protocol {name_or_file}", "no such protocol", f"presets: {', '.join(presets)}; or a .toml file"
         )
+    import tomllib
+
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:

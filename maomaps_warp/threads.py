@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from maomaps_warp.errors import InputError
 
@@ -25,3 +28,16 @@ def thread_count(device: str = "cpu") -> int:
     if not given.isdecimal() or int(given) < 1:
         raise InputError(THREADS_VARIABLE, f"{given!r} is no number of threads", "give a whole number above 0")
     return int(given)
+
+
+def side_by_side(*works: Callable[[], Any], device: str = "cpu") -> tuple[Any, ...]:
+    """What each of `works` returns, on as many threads as `device` has; of their errors the first work's.
+
+    For work that lets go of the interpreter's lock, as NumPy does on large arrays.
+    """
+    threads = min(thread_count(device), len(works))
+    if threads == 1:
+        return tuple(work() for work in works)
+    with ThreadPoolExecutor(threads) as pool:
+        started = [pool.submit(work) for work in works]
+        return tuple(each.result() for each in started)

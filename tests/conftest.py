@@ -11,7 +11,7 @@ wp.config.quiet = True
 wp.config.log_level = wp.LOG_ERROR
 wp.init()
 # All kernels of a module are registered before the first of them is compiled: each later one means compiling again.
-prepare_kernels("cpu", "score", "map", "render")
+prepare_kernels("cpu", "score", "nearest", "map", "render")
 
 
 @pytest.fixture(params=[d.alias for d in wp.get_devices()])

@@ -7,7 +7,7 @@ import pytest
 
 from maomaps_warp.mapping.cloud_map import voxelise
 from maomaps_warp.model.voxels import VoxelGrid
-from maomaps_warp.scoring.map_errors import distances_both_ways, threshold_score, voxel_overlap
+from maomaps_warp.scoring.map_errors import distances_both_ways, threshold_scores, voxel_overlap
 
 GRID = VoxelGrid(0.05, np.zeros(3, dtype=np.int64))
 
@@ -32,21 +32,22 @@ def test_a_distance_of_exactly_the_threshold_is_not_within_it_whatever_the_round
     k = np.arange(0, 4000, 7)
     distances = (k + 1) * 0.05 - k * 0.05
     assert len(np.unique(distances)) > 1
-    score = threshold_score(distances, distances, 0.05)
+    score, beyond = threshold_scores(distances, distances, (0.05, 0.0501))
     assert (score.precision, score.recall, score.f_score) == (0.0, 0.0, 0.0)
-    assert threshold_score(distances, distances, 0.0501).f_score == 1.0
+    assert beyond.f_score == 1.0
 
 
 def test_georeferenced_maps_decide_the_threshold_as_others_do(device):
     northing = np.array([[0.0, 8_400_000.0, 0.0]])
     k = np.arange(200)[:, None] * np.array([[0.05, 0.05, 0.0]])
     accuracy, completeness = distances_both_ways(northing + k + [0, 0.05, 0], northing + k, device)
-    assert threshold_score(accuracy, completeness, 0.05).precision < 0.05
-    assert threshold_score(accuracy, completeness, 0.0501).precision == 1.0
+    score, beyond = threshold_scores(accuracy, completeness, (0.05, 0.0501))
+    assert score.precision < 0.05
+    assert beyond.precision == 1.0
 
 
 def test_the_f_score_is_the_harmonic_mean():
-    score = threshold_score(np.array([0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), 0.5)
+    (score,) = threshold_scores(np.array([0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0]), (0.5,))
     assert (score.precision, score.recall) == (0.5, 0.75)
     assert score.f_score == pytest.approx(2 * 0.5 * 0.75 / 1.25)
 

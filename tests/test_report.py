@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from importlib import metadata
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.pipeline import score
 from maomaps_warp.protocol import PRESETS
 from maomaps_warp.protocol_files import with_overrides
-from maomaps_warp.report.json_report import score_document
+from maomaps_warp.report.json_report import score_document, versions
 from maomaps_warp.report.text import score_tables
 
 CAMERA = Camera(64, 48, 32.0, 32.0, 31.5, 23.5)
@@ -99,10 +100,17 @@ def test_the_headline_is_the_protocols():
     assert metric["ame_ray"]["value"] == metric["ame_ray"]["mean"] != metric["ame_ray"]["rmse"]
 
 
-def test_statistics_agree_with_numpy_and_none_have_no_value():
-    errors = np.random.default_rng(0).exponential(size=1001)
+@pytest.mark.parametrize("count", [1, 2, 3, 21, 1001, 1002])
+def test_statistics_agree_with_numpy_and_none_have_no_value(count):
+    errors = np.random.default_rng(0).exponential(size=count)
     s = Statistics.of(errors)
     assert s.rmse == pytest.approx(np.sqrt(np.mean(errors**2)))
     assert (s.median, s.p90, s.p95) == pytest.approx(tuple(np.quantile(errors, [0.5, 0.9, 0.95])))
     assert (s.mean, s.std, s.max) == pytest.approx((errors.mean(), errors.std(), errors.max()))
     assert Statistics.of(np.empty(0)) is None
+
+
+def test_the_versions_are_those_of_the_installed_packages():
+    found = versions()
+    assert all(found[package] == metadata.version(package) for package in ("warp-lang", "numpy", "scipy"))
+    assert set(found) == {"python", "maomaps-warp", "warp-lang", "numpy", "scipy"}

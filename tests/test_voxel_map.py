@@ -200,3 +200,23 @@ def test_a_full_block_of_eight_becomes_one_leaf_and_a_block_of_64_too():
 def test_a_block_that_straddles_octree_parents_is_not_pruned():
     cells = np.argwhere(np.ones((2, 2, 2))) + [1, 0, 0]
     assert len(octomap_leaves(voxelise((cells + 0.5) * 0.05, _grid(offset=0.5)))) == 8
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 4097])
+def test_a_grid_lies_around_the_median_of_its_points(count):
+    points = np.random.default_rng(count).normal(scale=30.0, size=(count, 3))
+    origin = VoxelGrid.around(points, 0.05).origin_ijk
+    np.testing.assert_array_equal(origin, 2 * np.rint(np.median(points, axis=0) / 0.1))
+
+
+@pytest.mark.parametrize("order", ["sorted", "twice", "shuffled", "with colours"])
+def test_points_in_any_order_give_the_same_voxels(order):
+    rng = np.random.default_rng(0)
+    cells = np.unique(rng.integers(-40, 40, size=(40_000, 3)), axis=0)
+    repeated = cells if order == "sorted" else np.concatenate([cells, cells])
+    points = 0.05 * (repeated if order in ("sorted", "twice") else rng.permutation(repeated))
+    colors = np.full(points.shape, 7, np.uint8) if order == "with colours" else None
+    voxels = voxelise(points, VoxelGrid(0.05, np.array([4, -6, 2])), colors)
+    np.testing.assert_array_equal(voxels.ijk, cells - [4, -6, 2])
+    assert np.all(voxels.counts == len(points) // len(cells))
+    np.testing.assert_array_equal(voxels.points, 0.05 * cells)

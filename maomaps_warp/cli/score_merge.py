@@ -92,7 +92,7 @@ def score_merge(
 
         choices = MergeChoices(align, yaw, rule, voxel_size, wall_distance, ground, pair, method)
         with progress_clock() as clock:
-            score = run(files, choices, device=resolve_device(device, "score"), clock=clock)
+            score = run(files, choices, device=resolve_device(device, "score", "nearest"), clock=clock)
         _report(score, json_file)
 
 

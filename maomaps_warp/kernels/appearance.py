@@ -4,8 +4,6 @@ The light is the same everywhere and every time: a share from all sides, one fro
 of a face look alike.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import warp as wp
 

@@ -8,8 +8,6 @@ rays can be cast into: a `Surface` (mesh) and a `DistanceField`. For a CPU `asso
 a fraction of the time; whatever decides an answer is one function for both, or the same operations in the same order.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp
@@ -170,8 +168,8 @@ def associate(
     order: wp.array,
     first_wins: bool,
     view: View,
-    est: Surface | DistanceField,
-    gt: Surface | DistanceField,
+    est: "Surface | DistanceField",
+    gt: "Surface | DistanceField",
     tolerance: float,
     *,
     out_status: wp.array | None = None,
@@ -218,8 +216,8 @@ def associate_all(
     points: wp.array,
     poses: PosePairs,
     view: View,
-    est: Surface | DistanceField,
-    gt: Surface | DistanceField,
+    est: "Surface | DistanceField",
+    gt: "Surface | DistanceField",
     tolerance: float,
     *,
     out_status: wp.array | None = None,

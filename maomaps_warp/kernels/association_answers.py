@@ -1,7 +1,5 @@
 """What rays found, and what follows from it: a hit of the estimate's map is transferred, a transferred one is kept."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import EVERY, NEAREST, VISIBLE, is_near

@@ -8,8 +8,6 @@ These are functions that kernels call and not kernels, and are not inlined: Warp
 number its tasks, and all that is in it would be compiled twice.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.association_answers import Pairs, keep_transferred, settle, transfer

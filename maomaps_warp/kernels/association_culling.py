@@ -7,8 +7,6 @@ Cost: about sixty vector operations for sixteen poses and a brick. Limit: the li
 be one serial loop, as it is on a CPU.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import View, flag

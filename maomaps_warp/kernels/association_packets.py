@@ -20,8 +20,6 @@ which are cast thirty at a time. Limit: a launch is one serial loop that uses it
 so this is for CPUs.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import warp as wp
 

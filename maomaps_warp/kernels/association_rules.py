@@ -1,7 +1,5 @@
 """When a camera sees a point: the geometry that decides an association, shared by all its kernels."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

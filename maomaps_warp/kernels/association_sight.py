@@ -4,8 +4,6 @@ Lanes are loops over vectors that Warp must not unroll (see `modules`). Structs 
 Warp copies them at each use.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import (

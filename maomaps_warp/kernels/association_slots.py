@@ -4,8 +4,6 @@ A block of memory (see `lane_memory`) of SLOT_ROWS rows; sixteen neighbours in a
 answered leave, and the others close up, so that packets stay full.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import NO_POSE, OUT_OF_VIEW

@@ -1,7 +1,5 @@
 """Where the rays of a packet were last stopped, and whether the next ones are stopped there again: one look each."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import flag

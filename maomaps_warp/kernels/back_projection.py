@@ -12,8 +12,6 @@ this order,
 with T the pose that takes metres of the camera to cells of the grid.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

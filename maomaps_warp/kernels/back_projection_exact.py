@@ -9,8 +9,6 @@ these operations, which is written here, decides the voxel of a sample:
     voxel = rint(p / voxel_size), halves to even                   (floor(p / voxel_size) where center_offset is 0.5)
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.back_projection import check_depth_image, color_at

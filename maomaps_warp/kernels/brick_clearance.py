@@ -8,8 +8,6 @@ Cost: some 6000 operations on eight words a brick, however many voxels there are
 share work, so a map that fits a dense field is built many times as fast as one.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

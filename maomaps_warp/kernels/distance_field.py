@@ -1,7 +1,5 @@
 """Distance field of a voxel map: how many cells each cell is away from the nearest occupied one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

@@ -9,8 +9,6 @@ Cost: about 360 loads of eight words for 512 cells, half of them where rooms are
 first reach that leaves none free. Limit: fifteen bit planes of a slab of layers: 120 MB, or 56 layers if that is more.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

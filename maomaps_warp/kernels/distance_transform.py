@@ -10,8 +10,6 @@ operations for 32 cells, whatever lies in them. Limit: the reach of a query, or 
 says only that nothing is nearer than that; such cells must be decided in another way.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

@@ -8,8 +8,6 @@ the other way round: to a C++ compiler those are different places. Rows that are
 `move_up`) are written and read elsewhere in functions that are not inlined.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

@@ -1,7 +1,5 @@
 """Whether points lie on one cubic lattice, and in which of its cells."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

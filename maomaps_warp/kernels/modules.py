@@ -5,6 +5,9 @@ together, so the kernels of a job share a module, whichever file they are in: `@
 beside them as a reference, or for other devices, stays in its file's own module and is compiled when it is launched.
 
 A module's hash covers all kernels that are registered in it, so all its files are imported before it is loaded.
+
+Registering takes a millisecond a function, so files with kernels leave their annotations as they are: as texts, which
+`from __future__ import annotations` makes of them, Warp would have to evaluate each twice.
 """
 
 from __future__ import annotations
@@ -14,12 +17,15 @@ from importlib import import_module
 
 import warp as wp
 
-#: Comparing maps, on every device: distance fields and transforms, points in cells, errors of pairs.
+#: Comparing maps, on every device: distance fields and transforms, errors of pairs.
 SCORE = "maomaps_warp.score"
 
-#: Comparing maps on a CPU: association and nearest neighbours, 16 at a time. Apart, so that no GPU compiles them; and
-#: they take as long as SCORE, while two modules compile side by side.
+#: Association on a CPU, 16 elements at a time. Apart, so that no GPU compiles it; and it takes as long as the others
+#: together, while two modules compile side by side.
 PACKETS = "maomaps_warp.packets"
+
+#: Nearest neighbours of free points on a CPU. Apart, because maps of voxels do without.
+NEAREST = "maomaps_warp.nearest"
 
 #: Voxel maps from depth images, on a CPU.
 MAP = "maomaps_warp.map"
@@ -37,11 +43,11 @@ FILES: dict[str, tuple[str, ...]] = {
         "distance_transform",
         "lattice",
         "pair_errors",
-        "point_cells",
     ),
-    PACKETS: (
-        "association_packets",
+    PACKETS: ("association_packets",),
+    NEAREST: (
         "nearest_packets",
+        "point_cells",
     ),
     MAP: (
         "voxel_bricks",
@@ -52,7 +58,12 @@ FILES: dict[str, tuple[str, ...]] = {
 }
 
 #: What each job launches on a CPU as a rule; Warp compiles the rest where it is launched after all.
-JOBS: dict[str, tuple[str, ...]] = {"score": (PACKETS, SCORE, TEXT), "map": (MAP,), "render": (RENDER,)}
+JOBS: dict[str, tuple[str, ...]] = {
+    "score": (PACKETS, SCORE, TEXT),
+    "nearest": (NEAREST,),
+    "map": (MAP,),
+    "render": (RENDER,),
+}
 
 #: No gradients; no fused multiply-adds, so that vectors, scalars and other machines round alike; and LLVM's own limits,
 #: because Warp's lower one for superword vectors halves the speed of kernels on 16 lanes.
@@ -69,7 +80,8 @@ for _name in FILES:
     wp.set_module_options(OPTIONS, module=_name)
 
 # Loops over lanes are left to LLVM: unrolled by Warp they take several times as long to compile, and run no faster.
-wp.set_module_options({"max_unroll": 1}, module=PACKETS)
+for _name in (PACKETS, NEAREST):
+    wp.set_module_options({"max_unroll": 1}, module=_name)
 
 
 def import_kernels(module: str) -> None:

@@ -5,8 +5,6 @@ The tree is complete: points in Morton order are cut into 2^levels leaves of equ
 that an outlier cannot take the precision of the others away.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

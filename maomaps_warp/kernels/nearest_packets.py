@@ -9,12 +9,10 @@ packet that finds nothing within `LIMIT_CELLS` cells gives up, and its queries a
 outliers.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.modules import PACKETS
+from maomaps_warp.kernels.modules import NEAREST
 from maomaps_warp.kernels.nearest_reach import Search, larger, points_of_row, search_within
 from maomaps_warp.kernels.point_cells import CellGrid
 from maomaps_warp.kernels.ranges import launch_ranges
@@ -141,7 +139,7 @@ def _lowest_places_in(
     return places
 
 
-@wp.kernel(module=PACKETS)
+@wp.kernel(module=NEAREST)
 def _packet_kernel(
     # In:
     start: wp.int32,

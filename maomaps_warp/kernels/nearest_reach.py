@@ -5,8 +5,6 @@ its corners. Cost: two look-ups for each row, and a root where it is wide. No po
 boxes are widened by many times the rounding of float64.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.point_cells import CellGrid, cell_number, cell_on_axis

@@ -1,7 +1,5 @@
 """Errors of correspondences in float64: in the world, and between the points in their own cameras' frames."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

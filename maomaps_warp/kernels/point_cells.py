@@ -5,15 +5,13 @@ box of cells still holds every point of the box of space; an outlier costs a lit
 over the points and one over the cells; the counting is serial, but clouds are counted side by side.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.modules import SCORE
+from maomaps_warp.kernels.modules import NEAREST
 from maomaps_warp.kernels.ranges import launch_ranges
 
 #: Points of one range of a launch.
@@ -45,7 +43,7 @@ def cell_number(grid: CellGrid, i: wp.int32, j: wp.int32, k: wp.int32) -> wp.int
     return (k * grid.shape[1] + j) * grid.shape[0] + i
 
 
-@wp.kernel(module=SCORE)
+@wp.kernel(module=NEAREST)
 def _number_kernel(
     # In:
     start: wp.int32,
@@ -61,7 +59,7 @@ def _number_kernel(
     )
 
 
-@wp.kernel(module=SCORE)
+@wp.kernel(module=NEAREST)
 def _count_kernel(
     # In:
     cell: wp.array(dtype=wp.int32),
@@ -78,7 +76,7 @@ def _count_kernel(
         total += here
 
 
-@wp.kernel(module=SCORE)
+@wp.kernel(module=NEAREST)
 def _place_kernel(
     # In:
     cell: wp.array(dtype=wp.int32),
@@ -93,7 +91,7 @@ def _place_kernel(
         out_order[place] = i
 
 
-@wp.kernel(module=SCORE)
+@wp.kernel(module=NEAREST)
 def _take_kernel(
     # In:
     start: wp.int32,

@@ -14,8 +14,6 @@ at least one cell along one axis and back along none, and the border of the fiel
 most nx + ny + nz leaps. A cell of clearance 0 is a fixed point; rays that have ended wait there for the others.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField, clearance_at

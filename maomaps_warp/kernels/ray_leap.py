@@ -1,7 +1,5 @@
 """The leap of a ray to the edge of the empty cube around its cell: one ray, or sixteen side by side."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

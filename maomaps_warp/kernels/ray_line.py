@@ -7,8 +7,6 @@ stand in one line, each with what its answer is for, and the first thirty-two of
 A line is a block of memory (see `lane_memory`), LINE_SIZE numbers, in rows of LINE_ROOM.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField

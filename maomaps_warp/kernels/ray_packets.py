@@ -7,8 +7,6 @@ directions wait for the slowest; rays through a bricked field go one by one. War
 kernels that call this want `max_unroll` 1 (see `modules`).
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField

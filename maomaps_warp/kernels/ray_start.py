@@ -1,7 +1,5 @@
 """Where a ray through a distance field begins: mirrored so that it runs upwards, and moved into the field."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.modules import OPTIONS

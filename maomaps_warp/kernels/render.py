@@ -8,8 +8,6 @@ Cost: a walk down wp.Mesh's tree for each ray, one of depth and samples^2 of col
 front are passed from behind, as a rasteriser that culls them does: a new walk from there on.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -144,7 +142,7 @@ class MeshScene:
     """
 
     mesh: wp.Mesh
-    look: Appearance | None
+    look: "Appearance | None"
     is_double_sided: wp.array
     face_part: wp.array
 

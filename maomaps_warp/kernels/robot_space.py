@@ -6,8 +6,6 @@ can take to its top: walls of no thickness, table tops and lamps block it alike,
 Cost: a nearest-point query of wp.Mesh for each ball, which ends at the radius; and one ray down for the floor.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

@@ -1,7 +1,5 @@
 """Exposed faces of occupied voxels, and the first surface on a ray."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

@@ -7,8 +7,6 @@ PLDI 1990, section 5). The cost: a few instructions a byte. The limit: a block t
 nan, words, comments, rows of another length) is marked, and is not for this parser.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

@@ -14,8 +14,6 @@ added whole or not at all: without room in the pool it stays pending; if it may 
 The arithmetic is that of `back_projection`, operation for operation. CUDA takes that kernel.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

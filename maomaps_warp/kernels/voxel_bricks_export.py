@@ -8,8 +8,6 @@ Cost: a sweep over the touched bricks, and one over the occupied cells. Limit: a
 stay within `MAX_SAMPLES`.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

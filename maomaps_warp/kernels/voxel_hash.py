@@ -4,8 +4,6 @@ Keys and slots are those of `voxel_keys`. All sums are integers: the order in wh
 totals, and an export sorted by key is the same on every device.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import warp as wp

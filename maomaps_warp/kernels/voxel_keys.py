@@ -4,8 +4,6 @@ A key packs the three voxel indices, 21 bits each with a bias, so that keys sort
 probe linearly.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 EMPTY_KEY = wp.constant(wp.int64(-1))

@@ -1,7 +1,5 @@
 """First occupied voxels on many rays: the launcher. How they are cast is told in `ray_cast` and in `ray_packets`."""
 
-from __future__ import annotations
-
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array

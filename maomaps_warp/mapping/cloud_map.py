@@ -6,12 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maomaps_warp.errors import InputError
+from maomaps_warp.mapping.chunks import slices
 from maomaps_warp.model.voxels import KEY_BIAS, VoxelGrid, VoxelMap, pack_keys, unpack_keys
 
 #: OctoMap's tree has 16 levels; the root's centre is the world's zero.
 OCTREE_LEVELS = 16
 #: Voxels. Points farther from the lattice than this are not on it; PCD's float32 moves them by less.
 LATTICE_TOLERANCE = 0.05
+#: Points of a chunk: so few that what NumPy makes of them on the way to their keys stays in a core's cache.
+_CHUNK_POINTS = 1 << 14
 #: Fewer points may have a common spacing by chance.
 LATTICE_POINTS = 100
 
@@ -66,13 +69,13 @@ def voxelise(points: NDArray[np.float64], grid: VoxelGrid, colors: NDArray[np.ui
         grid: the lattice.
         colors: (N, 3) uint8, or None; a voxel's colour is the mean of its points', rounded.
     """
-    point_keys = pack_keys(grid.ijk_of(points))
+    chunks = (pack_keys(grid.ijk_of(points[rows])) for rows in slices(len(points), _CHUNK_POINTS))
+    point_keys = np.concatenate([np.empty(0, dtype=np.int64), *chunks])
     mean_colors = None
-    if colors is None:
-        # Not np.unique, which would sort again what is sorted, and most maps are.
-        in_order = point_keys if np.all(point_keys[1:] >= point_keys[:-1]) else np.sort(point_keys)
-        first = np.flatnonzero(np.concatenate([[True], in_order[1:] != in_order[:-1]])[: len(in_order)])
-        keys, counts = in_order[first], np.diff(np.append(first, len(in_order)))
+    if colors is None and np.all(point_keys[1:] > point_keys[:-1]):  # voxels in order, as most maps list them
+        keys, counts = point_keys, np.ones(len(point_keys), dtype=np.int64)
+    elif colors is None:
+        keys, counts = np.unique(point_keys, return_counts=True)
     else:
         keys, inverse, counts = np.unique(point_keys, return_inverse=True, return_counts=True)
         sums = np.stack([np.bincount(inverse, weights=colors[:, c], minlength=len(keys)) for c in range(3)], axis=1)

@@ -12,8 +12,9 @@ from typing import Literal
 
 from maomaps_warp.errors import InputError
 
-#: Jobs with kernels of their own: comparing maps, making them from depth images, rendering the demonstration.
-Job = Literal["score", "map", "render"]
+#: Jobs with kernels of their own: comparing maps, nearest neighbours of free points, making maps from depth images,
+#: rendering the demonstration.
+Job = Literal["score", "nearest", "map", "render"]
 
 
 def resolve_device(name: str, *jobs: Job) -> str:

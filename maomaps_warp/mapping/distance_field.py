@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from maomaps_warp.mapping.bricked_field import fill_with_bricks
 from maomaps_warp.model.voxels import VoxelMap
-from maomaps_warp.threads import thread_count
+from maomaps_warp.threads import side_by_side, thread_count
 
 #: Bytes that a dense field may take while it is built; maps with a larger box get bricks.
 DENSE_BYTES = 512 << 20
@@ -37,13 +36,9 @@ class VoxelField:
 
 def build_voxel_fields(first: VoxelMap, second: VoxelMap, device: str = "cpu") -> tuple[VoxelField, VoxelField]:
     """The fields of two maps: on a CPU side by side, which shares its cores better than one after the other does."""
-    threads = thread_count(device)
-    build = partial(build_voxel_field, device=device, threads=max(1, threads // 2))
-    if threads < 2:
-        return build(first), build(second)
-    with ThreadPoolExecutor(2) as pool:
-        fields = pool.map(build, (first, second))
-        return next(fields), next(fields)
+    build = partial(build_voxel_field, device=device, threads=max(1, thread_count(device) // 2))
+    fields: tuple[VoxelField, VoxelField] = side_by_side(partial(build, first), partial(build, second), device=device)
+    return fields
 
 
 def build_voxel_field(

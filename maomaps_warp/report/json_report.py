@@ -57,10 +57,17 @@ def versions() -> dict[str, str]:
     found = {"python": platform.python_version()}
     for package in _VERSIONED:
         try:
-            found[package] = metadata.version(package)
+            found[package] = _version_of(package)
         except metadata.PackageNotFoundError:
             found[package] = "source"
     return found
+
+
+def _version_of(package: str) -> str:
+    """`metadata.version`, which parses the whole file, a long text, for its header's third line."""
+    header = (metadata.distribution(package).read_text("METADATA") or "").splitlines()
+    stated = (line.removeprefix("Version:").strip() for line in header if line.startswith("Version:"))
+    return next(stated, None) or metadata.version(package)
 
 
 def _pairing(pairing: tuple[str, float] | None) -> dict[str, Any] | None:

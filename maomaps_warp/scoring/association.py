@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from maomaps_warp.model.correspondences import Correspondences, ElementClass
 from maomaps_warp.protocol import PoseChoice
 from maomaps_warp.scoring.association_packets import PacketSearch
 from maomaps_warp.scoring.association_search import ElementSearch, Found
-from maomaps_warp.threads import thread_count
+from maomaps_warp.threads import side_by_side
 
 if TYPE_CHECKING:
     from maomaps_warp.mapping.surface import SurfaceMesh
@@ -91,7 +91,7 @@ def associate_maps(
         found.append(pairs)
         if progress is not None:
             progress(rows.stop, len(elements))
-    pairs = _joined(found, thread_count(est.device))
+    pairs = _joined(found, est.device)
     return Correspondences(
         elements=elements,
         classes=_classes(statuses, pairs.element),
@@ -104,12 +104,11 @@ def associate_maps(
     )
 
 
-def _joined(found: list[Found], threads: int) -> Found:
+def _joined(found: list[Found], device: str) -> Found:
     none = np.empty(0, dtype=np.int32)
-    # Copying lets go of the interpreter's lock; `all` finds some hundred megabytes.
-    with ThreadPoolExecutor(threads) as pool:
-        columns = pool.map(lambda name: np.concatenate([none, *(getattr(f, name) for f in found)]), Found._fields)
-        return Found(*columns)
+    # Side by side, because `all` finds some hundred megabytes.
+    columns = ([none, *(getattr(f, name) for f in found)] for name in Found._fields)
+    return Found(*side_by_side(*(partial(np.concatenate, column) for column in columns), device=device))
 
 
 def _classes(statuses: list[NDArray[np.int32]], associated: NDArray[np.int32]) -> NDArray[np.uint8]:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maomaps_warp.mapping.device import prepare_kernels
+
 #: How many points the grids are laid out by.
 _SAMPLE = 2048
 #: Points that share a cell with a point, about: more make packets compare in vain, fewer make more cells to look into.
@@ -45,6 +47,7 @@ def search_cells(
 
     if not len(queries):
         return np.empty(0, dtype=np.int32), np.empty(0)
+    prepare_kernels("cpu", "nearest")
     lower, upper, cell_size, crowding = lay_out(points)
     if crowding > _TOO_CROWDED:
         return np.full(len(queries) if with_index else 0, -1, dtype=np.int32), np.full(len(queries), -1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,15 +31,20 @@ def distances_both_ways(
     return distances_between(est, gt, device)
 
 
-def threshold_score(est_to_gt: NDArray[np.float64], gt_to_est: NDArray[np.float64], threshold: float) -> ThresholdScore:
-    """Precision, recall and F-score at one distance, metres.
+def threshold_scores(
+    est_to_gt: NDArray[np.float64], gt_to_est: NDArray[np.float64], thresholds: Sequence[float]
+) -> tuple[ThresholdScore, ...]:
+    """Precision, recall and F-score at each of some distances, metres.
 
     A. Knapitsch et al., "Tanks and Temples", ACM TOG 36(4), 2017, eqs. 4 to 7.
     """
-    precision = float(np.mean(np.round(est_to_gt, _THRESHOLD_DECIMALS) < threshold))
-    recall = float(np.mean(np.round(gt_to_est, _THRESHOLD_DECIMALS) < threshold))
-    both = precision + recall
-    return ThresholdScore(threshold, precision, recall, 2.0 * precision * recall / both if both else 0.0)
+    accuracy, completeness = (np.round(distances, _THRESHOLD_DECIMALS) for distances in (est_to_gt, gt_to_est))
+    scores = []
+    for threshold in thresholds:
+        precision, recall = (float(np.mean(distances < threshold)) for distances in (accuracy, completeness))
+        both = precision + recall
+        scores.append(ThresholdScore(threshold, precision, recall, 2.0 * precision * recall / both if both else 0.0))
+    return tuple(scores)
 
 
 def voxel_overlap(est: VoxelMap, gt: VoxelMap) -> VoxelOverlap:

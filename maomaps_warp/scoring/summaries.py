@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ from maomaps_warp.scoring.trajectory_errors import (
     absolute_trajectory_error,
     relative_pose_error,
 )
+from maomaps_warp.threads import side_by_side
 
 
 def absolute_score(pairs: PairedPoses) -> TrajectoryScore:
@@ -56,20 +59,19 @@ def nearest_score(
     device: str,
 ) -> NearestScore | NoValue:
     """AME by nearest neighbour between two clouds, (N, 3) float64 metres, and the overlap of their voxels."""
-    from maomaps_warp.scoring.map_errors import distances_both_ways, threshold_score, voxel_overlap
+    from maomaps_warp.scoring.map_errors import distances_both_ways, threshold_scores, voxel_overlap
 
     if not len(est) or not len(gt):
         return NoValue("a map has no points", asked=True)
     est_to_gt, gt_to_est = distances_both_ways(est, gt, device)
-    accuracy, completeness = Statistics.of(est_to_gt), Statistics.of(gt_to_est)
-    assert accuracy is not None and completeness is not None
-    return NearestScore(
-        accuracy,
-        completeness,
-        tuple(threshold_score(est_to_gt, gt_to_est, t) for t in protocol.thresholds),
-        voxel_overlap(est_voxels, gt_voxels),
-        {"est_points": len(est), "gt_points": len(gt)},
+    accuracy, completeness, thresholds, overlap = side_by_side(
+        lambda: Statistics.of(est_to_gt),
+        lambda: Statistics.of(gt_to_est),
+        lambda: threshold_scores(est_to_gt, gt_to_est, protocol.thresholds),
+        lambda: voxel_overlap(est_voxels, gt_voxels),
     )
+    counts = {"est_points": len(est), "gt_points": len(gt)}
+    return NearestScore(accuracy, completeness, thresholds, overlap, counts)
 
 
 def ray_score(correspondences: Correspondences, pairs: PairedPoses, device: str) -> RayScore | NoValue:
@@ -78,7 +80,7 @@ def ray_score(correspondences: Correspondences, pairs: PairedPoses, device: str)
 
     counts = correspondences.counts | {"correspondences": len(correspondences), "poses": len(pairs)}
     errors = pair_errors(correspondences, pairs.T_world_camera_est, pairs.T_world_camera_gt, device)
-    absolute, relative = (Statistics.of(error) for error in errors)
+    absolute, relative = side_by_side(*(partial(Statistics.of, error) for error in errors))
     if absolute is None or relative is None:
         classes = ("out_of_view", "occluded", "no_ground_truth", "total")
         spread = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in classes)
