@@ -1,4 +1,4 @@
-"""How many threads the stages use on a CPU."""
+"""How many threads the stages use on a CPU, and work side by side on them."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def thread_count(device: str = "cpu") -> int:
 
 
 def side_by_side(*works: Callable[[], Any], device: str = "cpu") -> tuple[Any, ...]:
-    """What each of `works` returns, on as many threads as `device` has; of their errors the first work's.
+    """What each of `works` returns, on as many threads as there are for `device`; of their errors the first work's.
 
-    For work that lets go of the interpreter's lock, as NumPy does on large arrays.
+    For work that lets go of the interpreter's lock, as NumPy does on large arrays, and launches on a CPU.
     """
     threads = min(thread_count(device), len(works))
-    if threads == 1:
+    if threads < 2:
         return tuple(work() for work in works)
     with ThreadPoolExecutor(threads) as pool:
         started = [pool.submit(work) for work in works]

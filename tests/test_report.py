@@ -100,12 +100,12 @@ def test_the_headline_is_the_protocols():
     assert metric["ame_ray"]["value"] == metric["ame_ray"]["mean"] != metric["ame_ray"]["rmse"]
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 21, 1001, 1002])
+@pytest.mark.parametrize("count", [1, 2, 3, 20, 21, 1001, 1002])
 def test_statistics_agree_with_numpy_and_none_have_no_value(count):
-    errors = np.random.default_rng(0).exponential(size=count)
+    errors = np.random.default_rng(count).exponential(size=count)
     s = Statistics.of(errors)
     assert s.rmse == pytest.approx(np.sqrt(np.mean(errors**2)))
-    assert (s.median, s.p90, s.p95) == pytest.approx(tuple(np.quantile(errors, [0.5, 0.9, 0.95])))
+    assert (s.median, s.p90, s.p95) == tuple(np.percentile(errors, [50, 90, 95]))
     assert (s.mean, s.std, s.max) == pytest.approx((errors.mean(), errors.std(), errors.max()))
     assert Statistics.of(np.empty(0)) is None
 

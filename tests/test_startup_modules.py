@@ -55,3 +55,9 @@ def test_every_public_kernel_name_is_where_the_table_says():
         assert getattr(kernels, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = kernels.nothing
+
+
+def test_files_with_kernels_leave_their_annotations_as_they_are():
+    for file in FOLDER.glob("*.py"):
+        text = file.read_text(encoding="utf-8")
+        assert "\n@wp." not in text or "from __future__ import annotations" not in text, file.name

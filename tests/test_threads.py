@@ -14,6 +14,7 @@ from maomaps_warp.threads import side_by_side
 def test_results_come_in_the_order_of_the_works(threads, monkeypatch):
     monkeypatch.setenv("MAOMAPS_THREADS", threads)
     assert side_by_side(lambda: 1, lambda: "two", lambda: None) == (1, "two", None)
+    assert side_by_side() == ()
 
 
 def test_works_run_at_the_same_time(monkeypatch):
@@ -23,14 +24,21 @@ def test_works_run_at_the_same_time(monkeypatch):
 
 
 @pytest.mark.parametrize("threads", ["1", "2"])
-def test_of_several_errors_the_first_works_is_raised(threads, monkeypatch):
+def test_of_several_errors_the_first_works_is_raised_whichever_came_first(threads, monkeypatch):
     monkeypatch.setenv("MAOMAPS_THREADS", threads)
+    est_failed = threading.Event()
 
-    def fail(name):
-        raise InputError(name, "is missing")
+    def gt():
+        if threads == "2":
+            assert est_failed.wait(timeout=30.0)
+        raise InputError("gt", "is missing")
+
+    def est():
+        est_failed.set()
+        raise InputError("est", "is missing")
 
     with pytest.raises(InputError, match="gt"):
-        side_by_side(lambda: 1, lambda: fail("gt"), lambda: fail("est"))
+        side_by_side(gt, est)
 
 
 def test_on_a_gpu_works_run_one_after_the_other():

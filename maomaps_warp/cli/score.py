@@ -117,7 +117,7 @@ def score(
         with progress_clock() as clock:
             if directory is not None or (_has_map(gt, gt_map) and _has_map(est, est_map)):
                 with clock.stage("start device"):
-                    _start_device(device)  # before reading: large maps are parsed by a kernel
+                    _start_device(device, rules)  # before reading: large maps are parsed by a kernel
             with clock.stage("read"):
                 if directory is not None:
                     gt_source, est_source = _open_directory(directory, gt_options)
@@ -135,12 +135,15 @@ def _has_map(whole: Path | None, map_part: Path | None) -> bool:
     return map_part is not None or (whole is not None and whole.is_dir() and not (whole / "metadata.yaml").exists())
 
 
-def _start_device(name: str) -> None:
+def _start_device(name: str, protocol: Protocol) -> None:
     from maomaps_warp.cli.terminal import quiet_warp
     from maomaps_warp.mapping.device import resolve_device
 
     quiet_warp()
-    resolve_device(name, "score")
+    if protocol.align == "none":
+        resolve_device(name, "score")
+    else:  # voxels that an alignment moves are free points
+        resolve_device(name, "score", "nearest")
 
 
 def run_pipeline(

@@ -24,7 +24,7 @@ SCORE = "maomaps_warp.score"
 #: together, while two modules compile side by side.
 PACKETS = "maomaps_warp.packets"
 
-#: Nearest neighbours of free points on a CPU. Apart, because maps of voxels do without.
+#: Nearest neighbours of free points on a CPU. Apart, because maps of voxels on one lattice seldom need it.
 NEAREST = "maomaps_warp.nearest"
 
 #: Voxel maps from depth images, on a CPU.

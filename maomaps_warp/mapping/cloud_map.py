@@ -69,8 +69,9 @@ def voxelise(points: NDArray[np.float64], grid: VoxelGrid, colors: NDArray[np.ui
         grid: the lattice.
         colors: (N, 3) uint8, or None; a voxel's colour is the mean of its points', rounded.
     """
-    chunks = (pack_keys(grid.ijk_of(points[rows])) for rows in slices(len(points), _CHUNK_POINTS))
-    point_keys = np.concatenate([np.empty(0, dtype=np.int64), *chunks])
+    point_keys = np.empty(len(points), dtype=np.int64)
+    for rows in slices(len(points), _CHUNK_POINTS):
+        point_keys[rows] = pack_keys(grid.ijk_of(points[rows]))
     mean_colors = None
     if colors is None and np.all(point_keys[1:] > point_keys[:-1]):  # voxels in order, as most maps list them
         keys, counts = point_keys, np.ones(len(point_keys), dtype=np.int64)

@@ -64,9 +64,9 @@ def versions() -> dict[str, str]:
 
 
 def _version_of(package: str) -> str:
-    """`metadata.version`, which parses the whole file, a long text, for its header's third line."""
-    header = (metadata.distribution(package).read_text("METADATA") or "").splitlines()
-    stated = (line.removeprefix("Version:").strip() for line in header if line.startswith("Version:"))
+    """`metadata.version`, which for one line parses the whole of a long text."""
+    lines = (metadata.distribution(package).read_text("METADATA") or "").splitlines()
+    stated = (line.removeprefix("Version:").strip() for line in lines if line.startswith("Version:"))
     return next(stated, None) or metadata.version(package)
 
 

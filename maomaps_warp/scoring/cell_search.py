@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -40,17 +41,17 @@ def search_cells(
         index (Q,) int32, of equally near ones the lowest (empty if not asked for), and squared distance (Q,) float64,
         metres^2; both -1 where none is near.
     """
+    if not len(queries):
+        return np.empty(0, dtype=np.int32), np.empty(0)
+    lower, upper, cell_size, crowding = lay_out(points)
+    if crowding > _TOO_CROWDED:
+        return np.full(len(queries) if with_index else 0, -1, dtype=np.int32), np.full(len(queries), -1.0)
+    _prepare_once()
     import warp as wp
 
     from maomaps_warp.kernels.nearest_packets import nearest_in_cells
     from maomaps_warp.kernels.point_cells import order_by_cells, points_in_order
 
-    if not len(queries):
-        return np.empty(0, dtype=np.int32), np.empty(0)
-    prepare_kernels("cpu", "nearest")
-    lower, upper, cell_size, crowding = lay_out(points)
-    if crowding > _TOO_CROWDED:
-        return np.full(len(queries) if with_index else 0, -1, dtype=np.int32), np.full(len(queries), -1.0)
     query_sample = _sample(queries)
     query_lower, query_upper = _bulk(query_sample)
     query_cell = _within_budget(query_upper - query_lower, _QUERY_CELLS * cell_size)
@@ -67,6 +68,12 @@ def search_cells(
         threads=threads,
     )
     return index.numpy(), squares.numpy()
+
+
+@cache
+def _prepare_once() -> None:
+    """Most scores compare maps of voxels, and need none of these kernels."""
+    prepare_kernels("cpu", "nearest")
 
 
 def lay_out(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:

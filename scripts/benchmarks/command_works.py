@@ -31,7 +31,7 @@ def warm(setting: Setting) -> Iterator[Row]:
         timed = interleaved(
             {"score": _score(folder, setting.device, lambda: folder / "kernels"), "import": _import_warp},
             # A difference of two processes scatters more than either.
-            replace(setting.repeats, most=3 * setting.repeats.most),
+            replace(setting.repeats, most=3 * setting.repeats.most, budget_s=3 * setting.repeats.budget_s),
         )
         yield _row("score", setting, folder, timed)
 
