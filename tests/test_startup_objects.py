@@ -15,7 +15,7 @@ from maomaps_warp.mapping.kernel_objects import build_objects, fitting_targets, 
 
 MODULE = "maomaps_warp.tests.objects"
 wp.set_module_options(
-    {"enable_backward": False, "fuse_fp": False, "cpu_compiler_flags": "-march=native"}, module=MODULE
+    {"enable_backward": False, "fuse_fp": False, "block_dim": 1, "cpu_compiler_flags": "-march=native"}, module=MODULE
 )
 
 
@@ -148,6 +148,21 @@ def test_what_no_object_fits_is_compiled_and_gives_the_same(objects, tmp_path, m
     prepare_kernels("cpu", "score")
     assert any((tmp_path / "cache").rglob("*.o"))
     np.testing.assert_array_equal(_launched(VALUES), VALUES * VALUES / np.float32(10))
+
+
+def test_what_is_cached_is_loaded_on_one_thread_and_not_compiled_again(objects, tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_objects, "SHIPPED", tmp_path / "nothing shipped")
+    monkeypatch.setattr("maomaps_warp.kernels.modules.FILES", {MODULE: ()})
+    monkeypatch.setattr("maomaps_warp.kernels.modules.JOBS", {"score": (MODULE,)})
+    wp.get_module(MODULE).unload()
+    prepare_kernels("cpu", "score")
+    cached = {file: file.stat().st_mtime_ns for file in (tmp_path / "cache").rglob("*")}
+    assert any(file.suffix == ".o" for file in cached)
+    wp.get_module(MODULE).unload()
+    monkeypatch.delattr(wp, "force_load")
+    prepare_kernels("cpu", "score")
+    np.testing.assert_array_equal(_launched(VALUES), VALUES * VALUES / np.float32(10))
+    assert {file: file.stat().st_mtime_ns for file in (tmp_path / "cache").rglob("*")} == cached
 
 
 def test_the_manifest_covers_the_objects_of_every_machine(built):

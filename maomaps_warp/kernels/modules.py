@@ -73,6 +73,7 @@ _IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 OPTIONS = {
     "enable_backward": False,
     "fuse_fp": False,
+    "block_dim": 1,  # of launches on a CPU, under which objects are looked for; launches on CUDA have their own
     "cpu_compiler_flags": f"-march=native {WIDE_VECTORS}" if _IS_X86 else "-march=native",
 }
 

@@ -69,16 +69,18 @@ def prepare_kernels(device: str, *jobs: Job) -> None:
     import warp as wp
 
     from maomaps_warp.kernels.modules import JOBS, import_kernels
-    from maomaps_warp.mapping.kernel_objects import load_objects
+    from maomaps_warp.mapping.kernel_objects import load_cached, load_objects
 
     modules = [module for job in jobs for module in JOBS[job]]
     for module in modules:
         import_kernels(module)
     if device != "cpu":
         return
-    left = [wp.get_module(module) for module in modules if not load_objects(module)]
+    left = [module for module in modules if not load_objects(module)]
     with _headers_parsed_once():
-        wp.force_load(device, modules=left, max_workers=len(left))
+        missing = [wp.get_module(module) for module in left if not load_cached(module)]
+        if missing:
+            wp.force_load(device, modules=missing, max_workers=len(missing))
 
 
 @contextmanager

@@ -76,20 +76,38 @@ def load_objects(module: str, folder: Path | None = None) -> bool:
     versioned = (folder or SHIPPED) / wp.config.version
     if not versioned.is_dir():
         return False
-    options = dict(wp.get_module_options(module))
+    flags = wp.get_module_options(module)["cpu_compiler_flags"]
     for target in fitting_targets():
-        if options["cpu_compiler_flags"] == target.flags:
+        if flags == target.flags:
             return True  # loaded before
         if not _is_intact(versioned, target):
             continue
-        wp.set_module_options({"cpu_compiler_flags": target.flags, "block_dim": 1}, module=module)
-        try:
-            wp.load_aot_module(module, device="cpu", module_dir=versioned / target.name)
+        wp.set_module_options({"cpu_compiler_flags": target.flags}, module=module)
+        if _load(module, versioned / target.name):
             return True
-        except FileNotFoundError:
-            # Of other kernels, or for another LLVM.
-            wp.set_module_options(options, module=module)
+        # Of other kernels, or for another LLVM.
+        wp.set_module_options({"cpu_compiler_flags": flags}, module=module)
     return False
+
+
+def load_cached(module: str) -> bool:
+    """Load a kernel module on the CPU from Warp's cache; False if it is not there.
+
+    To be asked on one thread before modules are compiled on several: whoever asks first finds out for Warp which
+    compiler and processor this is. Threads that ask side by side may read half of the answer (seen with 1.19), look for
+    another file than the cached one, and compile again.
+    """
+    return _load(module, None)
+
+
+def _load(module: str, folder: Path | None) -> bool:
+    import warp as wp
+
+    try:
+        wp.load_aot_module(module, device="cpu", module_dir=folder)
+        return True
+    except FileNotFoundError:
+        return False
 
 
 def build_objects(modules: Sequence[str], folder: Path) -> list[Path]:
@@ -110,10 +128,10 @@ def build_objects(modules: Sequence[str], folder: Path) -> list[Path]:
         for old in place.glob("*"):
             old.unlink()
         for module in modules:
-            options = dict(wp.get_module_options(module))
-            wp.set_module_options({"cpu_compiler_flags": target.flags, "block_dim": 1}, module=module)
+            flags = wp.get_module_options(module)["cpu_compiler_flags"]
+            wp.set_module_options({"cpu_compiler_flags": target.flags}, module=module)
             built += wp.compile_aot_module(module, device="cpu", module_dir=place)
-            wp.set_module_options(options, module=module)
+            wp.set_module_options({"cpu_compiler_flags": flags}, module=module)
         for source in place.glob("*.cpp"):
             source.unlink()
     digests = {file.relative_to(versioned).as_posix(): _digest(file) for file in sorted(versioned.glob("*/*"))}
