@@ -40,7 +40,8 @@ def demo(
 
         with progress_clock() as clock:
             with clock.stage("start device"):
-                used = resolve_device(device, "score", "map", "render")  # all now, so that they compile side by side
+                # All now, so that they compile side by side.
+                used = resolve_device(device, "score", "nearest", "map", "render")
             files = make_demo(folder, frames=frames, seed=seed, device=used, clock=clock)
             out = console()
             for name, path in vars(files).items():
