@@ -34,15 +34,7 @@ def _packet_at(line: wp.uint64, first: wp.int32, used: wp.int32) -> Packet:
     active = lanes_f()
     for k in range(16):
         active[k] = wp.where(first + k < used, 1.0, 0.0)
-    rays = Packet()
-    rays.ox = ox
-    rays.oy = oy
-    rays.oz = oz
-    rays.dx = dx
-    rays.dy = dy
-    rays.dz = dz
-    rays.active = active
-    return rays
+    return Packet(ox, oy, oz, dx, dy, dz, active)
 
 
 @wp.func(inline=False)

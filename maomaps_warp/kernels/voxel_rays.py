@@ -40,15 +40,7 @@ def _load_rays(field: DistanceField, origins: wp.array(dtype=wp.vec3), direction
         dy[lane] = direction[1]
         dz[lane] = direction[2]
         active[lane] = wp.where(first + lane <= last, 1.0, 0.0)
-    rays = Packet()
-    rays.ox = ox
-    rays.oy = oy
-    rays.oz = oz
-    rays.dx = dx
-    rays.dy = dy
-    rays.dz = dz
-    rays.active = active
-    return rays
+    return Packet(ox, oy, oz, dx, dy, dz, active)
 
 
 @wp.kernel
