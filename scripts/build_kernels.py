@@ -20,7 +20,7 @@ from pathlib import Path
 
 import warp as wp
 
-from maomaps_warp.kernels.modules import FILES, import_kernels
+from maomaps_warp.kernels.modules import FILES, import_functions, import_kernels
 from maomaps_warp.mapping.kernel_objects import SHIPPED, build_objects
 
 
@@ -30,6 +30,7 @@ def main() -> None:
     wp.init()
     for module in FILES:
         import_kernels(module)
+        import_functions(module)
     for path in build_objects(list(FILES), folder):
         print(f"{path.stat().st_size:8d} bytes  {path}")
 

@@ -8,7 +8,8 @@ import warp as wp
 from scipy.ndimage import distance_transform_cdt
 
 from maomaps_warp.kernels import distance_field_building
-from maomaps_warp.kernels.distance_field import DistanceField, clearance_at, ray_origin, voxel_at
+from maomaps_warp.kernels.distance_field import DistanceField
+from maomaps_warp.kernels.field_cells import clearance_at, ray_origin, voxel_at
 from maomaps_warp.mapping.distance_field import build_voxel_field, unpack_clearance
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap, unpack_keys
 

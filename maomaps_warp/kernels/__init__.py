@@ -15,7 +15,8 @@ from typing import Any
 #: The public names, by the file that holds them.
 _NAMES = {
     "association": ("associate", "associate_all"),
-    "association_rules": ("PosePairs", "View", "in_view", "to_camera"),
+    "association_rules": ("in_view", "to_camera"),
+    "association_types": ("PosePairs", "View"),
     "back_projection": ("DepthSampling", "Pinhole", "integrate_depth"),
     "back_projection_exact": (
         "ExactPinhole",
@@ -24,8 +25,9 @@ _NAMES = {
         "cell_of_exact",
         "integrate_depth_exact",
     ),
-    "distance_field": ("DistanceField", "cell_center", "clearance_at", "ray_origin", "voxel_at"),
+    "distance_field": ("DistanceField",),
     "distance_field_building": ("build_distance_field",),
+    "field_cells": ("cell_center", "clearance_at", "ray_origin", "voxel_at"),
     "nearest": ("PointTree", "find_nearest", "nearest_point"),
     "pair_errors": ("Pairs", "pair_errors"),
     "ray_cast": ("cast_ray",),

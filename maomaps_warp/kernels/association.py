@@ -13,13 +13,6 @@ from typing import Any
 import warp as wp
 
 from maomaps_warp.kernels.association_rules import (
-    NO_POSE,
-    OCCLUDED,
-    OUT_OF_VIEW,
-    VISIBLE,
-    PosePairs,
-    View,
-    check_poses,
     direction_of,
     in_view,
     is_camera_inside,
@@ -28,8 +21,10 @@ from maomaps_warp.kernels.association_rules import (
     to_camera,
     to_map,
 )
+from maomaps_warp.kernels.association_types import NO_POSE, OCCLUDED, OUT_OF_VIEW, VISIBLE, PosePairs, View, check_poses
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import DistanceField, cell_center, check_field, ray_origin, voxel_at
+from maomaps_warp.kernels.distance_field import DistanceField, check_field
+from maomaps_warp.kernels.field_cells import cell_center, ray_origin, voxel_at
 from maomaps_warp.kernels.ray_cast import cast_ray
 from maomaps_warp.kernels.surface import Surface, check_surface, first_surface
 

@@ -2,15 +2,17 @@
 
 import warp as wp
 
-from maomaps_warp.kernels.association_rules import EVERY, NEAREST, VISIBLE, is_near
-from maomaps_warp.kernels.association_sight import (
+from maomaps_warp.kernels.association_memory import (
+    LINE_CELL,
+    LINE_DIRECTION,
+    LINE_FULL,
+    LINE_ORIGIN,
+    LINE_OWNER,
+    LINE_ROOM,
     OWNER_POSE,
     OWNER_SLOT,
     OWNER_SQUARE,
     OWNER_WAY,
-    Sight,
-)
-from maomaps_warp.kernels.association_slots import (
     SLOT_BEST,
     SLOT_CELL,
     SLOT_ELEMENT,
@@ -20,35 +22,18 @@ from maomaps_warp.kernels.association_slots import (
     SLOT_WAY,
     SLOT_X,
 )
+from maomaps_warp.kernels.association_rules import is_near
 from maomaps_warp.kernels.association_trail import are_in_field, cells_of
-from maomaps_warp.kernels.distance_field import voxel_at
+from maomaps_warp.kernels.association_types import EVERY, NEAREST, VISIBLE, Pairs, Sight
+from maomaps_warp.kernels.field_cells import voxel_at
 from maomaps_warp.kernels.lane_memory import float_at, int_at, ints_at, put, put_vec3, three_ints_at, vec3_at, vec3i_at
-from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
-from maomaps_warp.kernels.ray_line import (
-    LINE_CELL,
-    LINE_DIRECTION,
-    LINE_FULL,
-    LINE_ORIGIN,
-    LINE_OWNER,
-    LINE_ROOM,
-    cast_line,
-)
+from maomaps_warp.kernels.lanes import lanes_f, lanes_i
+from maomaps_warp.kernels.ray_line import cast_line
 
 # What the answer to a transferred ray is for, in a line of `ray_line`.
 _OWNER_ELEMENT = LINE_OWNER
 _OWNER_POSE = wp.constant(LINE_OWNER + LINE_ROOM)
 _OWNER_CELL = wp.constant(LINE_OWNER + 2 * LINE_ROOM)  # x, y, z: field cell of the first predicted voxel
-
-
-@wp.struct
-class Pairs:
-    """Correspondences of a launch, in the order in which they are found: of one element, in that of its poses."""
-
-    used: wp.array(dtype=wp.int32)  # (1,) how many
-    element: wp.array(dtype=wp.int32)
-    pose: wp.array(dtype=wp.int32)
-    est_voxel: wp.array(dtype=wp.int32)
-    gt_voxel: wp.array(dtype=wp.int32)
 
 
 @wp.func(inline=False)

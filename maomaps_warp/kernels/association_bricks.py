@@ -10,61 +10,31 @@ number its tasks, and all that is in it would be compiled twice.
 
 import warp as wp
 
-from maomaps_warp.kernels.association_answers import Pairs, keep_transferred, settle, transfer
-from maomaps_warp.kernels.association_culling import (
-    BINS,
+from maomaps_warp.kernels.association_answers import keep_transferred, settle, transfer
+from maomaps_warp.kernels.association_culling import cull_poses, list_by_distance, list_by_time
+from maomaps_warp.kernels.association_memory import (
+    LINE_FULL,
     LIST_BOUND,
     LIST_POSE,
-    LIST_ROWS,
-    PoseLists,
-    cull_poses,
-    list_by_distance,
-    list_by_time,
-)
-from maomaps_warp.kernels.association_rules import EVERY, LAST, NEAREST, VISIBLE
-from maomaps_warp.kernels.association_sight import Sight, look
-from maomaps_warp.kernels.association_slots import (
     SLOT_BEST,
     SLOT_CELL,
     SLOT_ELEMENT,
     SLOT_POSE,
-    SLOT_ROWS,
     SLOT_STATUS,
     SLOT_WAY,
-    fill_slots,
-    move_slot,
-    want_no_more,
+    PoseLists,
+    Workspace,
 )
+from maomaps_warp.kernels.association_sight import look
+from maomaps_warp.kernels.association_slots import fill_slots, move_slot, want_no_more
 from maomaps_warp.kernels.association_trail import cells_of
+from maomaps_warp.kernels.association_types import EVERY, LAST, NEAREST, VISIBLE, Bricks, Pairs, Sight
 from maomaps_warp.kernels.lane_memory import float_at, floats_at, int_at, vec3_at, vec3i_at
-from maomaps_warp.kernels.ray_line import LINE_FULL, LINE_SIZE, move_up
+from maomaps_warp.kernels.ray_line import move_up
 
 #: How many poses look at a brick, before those elements leave that are answered; and how many times more next time.
 _PATIENCE = wp.constant(4)
 _LONGER = wp.constant(3)
-
-
-@wp.struct
-class Bricks:
-    """Elements in bricks: those of brick b are first[b] to first[b + 1] - 1; metres relative to the grid's origin."""
-
-    first: wp.array(dtype=wp.int32)  # (B + 1,)
-    x: wp.array(dtype=wp.float32)  # (N,)
-    y: wp.array(dtype=wp.float32)  # (N,)
-    z: wp.array(dtype=wp.float32)  # (N,)
-    element: wp.array(dtype=wp.int32)  # (N,) where an element's answer goes
-
-
-@wp.struct
-class Workspace:
-    """Memory of one launch, for one brick after the other."""
-
-    lists: PoseLists
-    room: wp.int32  # slots, a multiple of 16
-    slots: wp.uint64  # address of a block of SLOT_ROWS x room numbers, see `association_slots`
-    line: wp.uint64  # of LINE_SIZE numbers, see `ray_line`: rays of the estimate ...
-    gt_line: wp.uint64  # ... and transferred ones
-    memory: wp.array(dtype=wp.int32)  # which holds these blocks
 
 
 @wp.func(inline=True)
@@ -227,19 +197,3 @@ def associate_brick(
         patience *= _LONGER
     if gt_used > 0:
         keep_transferred(space.gt_line, gt_used, sight, out_count, out_pairs)
-
-
-def create_workspace(poses: int, elements: int) -> Workspace:
-    """Memory for one launch over bricks of up to so many elements, on the CPU."""
-    space = Workspace()
-    space.room = -(-elements // 16) * 16
-    space.lists.room = -(-poses // 16) * 16 + 16
-    rows, line = SLOT_ROWS * space.room, int(LINE_SIZE)
-    lists = LIST_ROWS * space.lists.room + BINS
-    # Idle lanes compute with what is there, so zeros.
-    space.memory = wp.zeros(rows + 2 * line + lists, dtype=wp.int32, device="cpu")
-    space.slots = space.memory.ptr
-    space.line = space.slots + 4 * rows
-    space.gt_line = space.line + 4 * line
-    space.lists.address = space.gt_line + 4 * line
-    return space

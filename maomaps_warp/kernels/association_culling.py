@@ -9,39 +9,28 @@ be one serial loop, as it is on a CPU.
 
 import warp as wp
 
-from maomaps_warp.kernels.association_rules import View, flag
+from maomaps_warp.kernels.association_memory import (
+    BINS,
+    CULLED_BOUND,
+    CULLED_POSE,
+    LIST_BOUND,
+    LIST_POSE,
+    LIST_ROWS,
+    PoseLists,
+)
+from maomaps_warp.kernels.association_rules import flag
+from maomaps_warp.kernels.association_types import View
 from maomaps_warp.kernels.lane_memory import any_of, float_at, int_at, put
+from maomaps_warp.kernels.lanes import LANES, lanes_f, lanes_i
 from maomaps_warp.kernels.modules import OPTIONS
-from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, smaller
+from maomaps_warp.kernels.ray_leap import smaller
 
 wp.set_module_options(OPTIONS)
 
-#: Squared distances are sorted by the highest bits of their float32: sixteen bins from 2^-8 to 2^-7 square metres,
-#: sixteen to 2^-6, and so on up to 2^8 (16 m); the first and the last hold all that are nearer or further away.
-BINS = wp.constant(256)
 _BIN_BITS = wp.constant(19)
 _FIRST_BIN = wp.constant((127 - 8) << 4)
-#: Rows of a block of poses: position, four normals of the view's borders, optical axis; x, y, z of each.
-BLOCK_ROWS = 18
 #: Relative error of a plane's distance that is allowed for, 30 times what five float32 operations can cause.
 _ROUNDING = wp.constant(wp.float32(1.0e-5))
-
-
-@wp.struct
-class PoseLists:
-    """Memory of one launch (see `lane_memory`) in which the poses of one brick after the other are listed: LIST_ROWS
-    rows of `room` numbers, and BINS more."""
-
-    address: wp.uint64
-    room: wp.int32  # sixteen more than poses, for the lanes of the last
-
-
-# Rows. The poses that may see the brick, in the order in which they are tried ...
-LIST_POSE = wp.constant(0)
-LIST_BOUND = wp.constant(1)  # ... and square metres: neither this pose nor a later one is nearer to an element.
-_CULLED_POSE = wp.constant(2)  # In order of time ...
-_CULLED_BOUND = wp.constant(3)  # ... and how near each is at least.
-LIST_ROWS = wp.constant(4)
 
 
 @wp.func
@@ -120,8 +109,8 @@ def cull_poses(
         if any_of(keep):
             # Every pose is written, and the next one over it if it is not kept: no branch.
             for k in range(16):
-                put(out.address, _CULLED_POSE * out.room + count, block * LANES + k)
-                put(out.address, _CULLED_BOUND * out.room + count, square[k])
+                put(out.address, CULLED_POSE * out.room + count, block * LANES + k)
+                put(out.address, CULLED_BOUND * out.room + count, square[k])
                 count += keep[k]
     return count
 
@@ -133,7 +122,7 @@ def list_by_time(count: wp.int32, backwards: wp.bool, lists: PoseLists):
         taken = rank
         if backwards:
             taken = count - 1 - rank
-        put(lists.address, LIST_POSE * lists.room + rank, int_at(lists.address, _CULLED_POSE * lists.room + taken))
+        put(lists.address, LIST_POSE * lists.room + rank, int_at(lists.address, CULLED_POSE * lists.room + taken))
         put(lists.address, LIST_BOUND * lists.room + rank, float(0.0))
 
 
@@ -147,7 +136,7 @@ def list_by_distance(count: wp.int32, lists: PoseLists):
     """List culled poses by how near they are at least, in bins of a few per cent; in order of time within a bin."""
     address = lists.address
     bins = LIST_ROWS * lists.room
-    culled = _CULLED_BOUND * lists.room
+    culled = CULLED_BOUND * lists.room
     for b in range(BINS):
         put(address, bins + b, int(0))
     for rank in range(count):
@@ -162,7 +151,7 @@ def list_by_distance(count: wp.int32, lists: PoseLists):
         b = _bin_of(float_at(address, culled + rank))
         place = int_at(address, bins + b)
         put(address, bins + b, place + 1)
-        put(address, LIST_POSE * lists.room + place, int_at(address, _CULLED_POSE * lists.room + rank))
+        put(address, LIST_POSE * lists.room + place, int_at(address, CULLED_POSE * lists.room + rank))
         put(address, LIST_BOUND * lists.room + place, float_at(address, culled + rank))
     least = float(3.0e38)
     for rank in range(count):

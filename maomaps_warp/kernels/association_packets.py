@@ -23,10 +23,15 @@ so this is for CPUs.
 import numpy as np
 import warp as wp
 
-from maomaps_warp.kernels.association_answers import Pairs
-from maomaps_warp.kernels.association_bricks import Bricks, Workspace, associate_brick, create_workspace
-from maomaps_warp.kernels.association_sight import Sight
-from maomaps_warp.kernels.modules import PACKETS
+from maomaps_warp.kernels.association_memory import Workspace, create_workspace
+from maomaps_warp.kernels.association_types import Bricks, Pairs, Sight
+from maomaps_warp.kernels.modules import LOADED, PACKETS
+
+
+def import_functions() -> None:
+    """Import what the kernels call: wanted where they are compiled, and not where they are loaded compiled."""
+    global associate_brick
+    from maomaps_warp.kernels.association_bricks import associate_brick
 
 
 @wp.kernel(module=PACKETS)
@@ -68,16 +73,6 @@ def _in_order_kernel(
     out_gt_voxel[pair] = pairs.gt_voxel[found]
 
 
-def create_pairs(room: int) -> Pairs:
-    """Memory for so many correspondences, on the CPU; a launch after the other may use it."""
-    pairs = Pairs()
-    pairs.used = wp.zeros(1, dtype=wp.int32, device="cpu")
-    pairs.element, pairs.pose, pairs.est_voxel, pairs.gt_voxel = (
-        wp.empty(room, dtype=wp.int32, device="cpu") for _ in range(4)
-    )
-    return pairs
-
-
 def associate_packets(
     bricks: Bricks, sight: Sight, choice: int, elements: int, pairs: Pairs
 ) -> tuple[wp.array, wp.array]:
@@ -95,6 +90,8 @@ def associate_packets(
     Returns:
         Best status of each element, (N,) int32; its number of correspondences, (N,) int32.
     """
+    if PACKETS not in LOADED:
+        import_functions()
     pairs.used.zero_()
     status, count = (make(elements, dtype=wp.int32, device="cpu") for make in (wp.empty, wp.zeros))
     largest = int(np.diff(bricks.first.numpy()).max(initial=0))

@@ -1,54 +1,17 @@
 """When a camera sees a point: the geometry that decides an association, shared by all its kernels."""
 
-from typing import Any
-
 import warp as wp
 
-from maomaps_warp.kernels.checks import check_array
+from maomaps_warp.kernels.association_types import View
 from maomaps_warp.kernels.modules import OPTIONS
 
 # No fused multiply-adds: CPU and CUDA, lanes and scalars must agree on the rays that pass an edge.
 wp.set_module_options(OPTIONS)
 
-NO_POSE = wp.constant(-1)
-# What became of an element, by pose or over all of them.
-OUT_OF_VIEW = wp.constant(0)
-OCCLUDED = wp.constant(1)
-VISIBLE = wp.constant(2)
-
-# Which of the poses that see an element are taken.
-NEAREST = wp.constant(0)
-FIRST = wp.constant(1)
-LAST = wp.constant(2)
-EVERY = wp.constant(3)
-
 # Metres. Many voxel centres lie exactly a tolerance apart (0.5 m = 10 voxels); rounding must not decide there.
 TIE = wp.constant(wp.float32(1.0e-5))
 # Square metres: a camera nearer to a point than 1e-6 m stands on it.
 ON_THE_POINT = wp.constant(wp.float32(1.0e-12))
-
-
-@wp.struct
-class View:
-    """Which camera-frame points an image shows."""
-
-    x_min: wp.float32  # borders as slopes x/z and y/z
-    x_max: wp.float32
-    y_min: wp.float32
-    y_max: wp.float32
-    near: wp.float32  # metres along the optical axis, exclusive
-    max_range: wp.float32  # metres, distance to the camera; inf = no limit
-    two_sided: wp.bool  # also the mirrored cone behind the camera (the original's defect)
-
-
-@wp.struct
-class PosePairs:
-    """Matched poses, camera to map: rotation matrices, and positions in metres relative to the grid's origin."""
-
-    est_rotation: wp.array(dtype=wp.mat33)  # (P,)
-    est_position: wp.array(dtype=wp.vec3)  # (P,)
-    gt_rotation: wp.array(dtype=wp.mat33)  # (P,)
-    gt_position: wp.array(dtype=wp.vec3)  # (P,)
 
 
 @wp.func
@@ -134,12 +97,3 @@ def is_near(tolerance: wp.float32, x: wp.float32, y: wp.float32, z: wp.float32) 
     """1 if a surface that lies (x, y, z) from a point is nearer to it than `tolerance` (metres): it is visible."""
     reach = wp.where(tolerance > TIE, tolerance - TIE, 0.0)
     return flag(x * x + y * y + z * z < reach * reach)
-
-
-def check_poses(poses: PosePairs, device: Any) -> None:
-    """Raise unless the arrays of pose pairs fit together and lie on `device`."""
-    check_array("poses.est_position", poses.est_position, wp.vec3, (None,), device)
-    count = len(poses.est_position)
-    check_array("poses.est_rotation", poses.est_rotation, wp.mat33, (count,), device)
-    check_array("poses.gt_rotation", poses.gt_rotation, wp.mat33, (count,), device)
-    check_array("poses.gt_position", poses.gt_position, wp.vec3, (count,), device)

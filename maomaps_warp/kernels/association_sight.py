@@ -6,46 +6,25 @@ Warp copies them at each use.
 
 import warp as wp
 
-from maomaps_warp.kernels.association_rules import (
-    PosePairs,
-    View,
-    direction_of,
-    flag,
-    is_camera_inside,
-    is_in_view,
-)
-from maomaps_warp.kernels.association_slots import (
+from maomaps_warp.kernels.association_memory import (
+    LINE_DIRECTION,
+    LINE_ORIGIN,
+    LINE_ROOM,
+    OWNER_POSE,
+    OWNER_SLOT,
+    OWNER_SQUARE,
+    OWNER_WAY,
     SLOT_BEST,
     SLOT_POSE,
     SLOT_STATUS,
     SLOT_TRAIL,
     SLOT_X,
 )
+from maomaps_warp.kernels.association_rules import direction_of, flag, is_camera_inside, is_in_view
 from maomaps_warp.kernels.association_trail import blocked_again
-from maomaps_warp.kernels.distance_field import DistanceField
+from maomaps_warp.kernels.association_types import View
 from maomaps_warp.kernels.lane_memory import any_of, floats_at, ints_at, put_lanes, put_three_lanes, three_floats_at
-from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
-from maomaps_warp.kernels.ray_line import LINE_DIRECTION, LINE_ORIGIN, LINE_OWNER, LINE_ROOM
-
-# What the answer to a ray of the estimate is for, in a line of `ray_line`.
-OWNER_SLOT = LINE_OWNER
-OWNER_POSE = wp.constant(LINE_OWNER + LINE_ROOM)
-OWNER_SQUARE = wp.constant(LINE_OWNER + 2 * LINE_ROOM)  # squared distance, square metres
-OWNER_WAY = wp.constant(LINE_OWNER + 3 * LINE_ROOM)  # x, y, z: the ray as the ground-truth pose casts it
-
-
-@wp.struct
-class Sight:
-    """All that decides whether a pose sees an element."""
-
-    poses: PosePairs
-    est_origin: wp.array(dtype=wp.vec3)  # (P,) where the rays of each pose begin, coordinates of the field `est` ...
-    gt_origin: wp.array(dtype=wp.vec3)  # (P,) ... and of `gt`, see `ray_origin`
-    blocks: wp.array2d(dtype=lanes_f)  # the estimated poses for culling, see association_culling.BLOCK_ROWS
-    view: View
-    est: DistanceField
-    gt: DistanceField
-    tolerance: wp.float32  # metres
+from maomaps_warp.kernels.lanes import lanes_f, lanes_i
 
 
 @wp.func(inline=True)

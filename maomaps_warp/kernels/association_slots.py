@@ -6,19 +6,17 @@ answered leave, and the others close up, so that packets stay full.
 
 import warp as wp
 
-from maomaps_warp.kernels.association_rules import NO_POSE, OUT_OF_VIEW
+from maomaps_warp.kernels.association_memory import (
+    SLOT_BEST,
+    SLOT_ELEMENT,
+    SLOT_POSE,
+    SLOT_ROWS,
+    SLOT_STATUS,
+    SLOT_TRAIL,
+    SLOT_X,
+)
+from maomaps_warp.kernels.association_types import NO_POSE, OUT_OF_VIEW
 from maomaps_warp.kernels.lane_memory import int_at, put, put_vec3
-
-# Rows. Places of the estimate's map are metres, relative to the grid's origin.
-SLOT_X = wp.constant(0)  # x, y, z of the element
-SLOT_BEST = wp.constant(3)  # squared distance below which a pose is wanted: inf for any, -1 for none
-SLOT_POSE = wp.constant(4)  # the best pose so far, or NO_POSE
-SLOT_CELL = wp.constant(5)  # x, y, z: field cell of the first predicted voxel that it sees
-SLOT_WAY = wp.constant(8)  # x, y, z: the ray as its ground-truth pose casts it
-SLOT_TRAIL = wp.constant(11)  # x, y, z: where the last ray was stopped, field coordinates
-SLOT_STATUS = wp.constant(14)
-SLOT_ELEMENT = wp.constant(15)  # where its answer goes
-SLOT_ROWS = wp.constant(16)
 
 
 @wp.func(inline=False)

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from maomaps_warp.kernels.ray_leap import lanes_f, lanes_i
+from maomaps_warp.kernels.lanes import lanes_f, lanes_i
 
 _MANY = wp.constant(0x7FFFFFFF)
 

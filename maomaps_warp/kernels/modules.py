@@ -7,7 +7,8 @@ beside them as a reference, or for other devices, stays in its file's own module
 A module's hash covers all kernels that are registered in it, so all its files are imported before it is loaded.
 
 Registering takes a millisecond a function, so files with kernels leave their annotations as they are: as texts, which
-`from __future__ import annotations` makes of them, Warp would have to evaluate each twice.
+`from __future__ import annotations` makes of them, Warp would have to evaluate each twice. And the sixty functions that
+hang on the two kernels of PACKETS are imported only where these have to be compiled (`import_functions`).
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ from importlib import import_module
 
 import warp as wp
 
+from maomaps_warp.kernels.source_digest import source_digest
+
 #: Comparing maps, on every device: distance fields and transforms, errors of pairs.
 SCORE = "maomaps_warp.score"
 
 #: Association on a CPU, 16 elements at a time. Apart, so that no GPU compiles it; and it takes as long as the others
-#: together, while two modules compile side by side.
-PACKETS = "maomaps_warp.packets"
+#: together, while two modules compile side by side. Its name ends with a digest of its sources, in place of Warp's hash
+#: (option `strip_hash`), which is made of all that the kernels call, and so wants it registered.
+PACKETS = f"maomaps_warp.packets_{source_digest('association_packets')}"
 
 #: Nearest neighbours of free points on a CPU. Apart, because maps of voxels on one lattice seldom need it.
 NEAREST = "maomaps_warp.nearest"
@@ -83,9 +87,22 @@ for _name in FILES:
 # Loops over lanes are left to LLVM: unrolled by Warp they take several times as long to compile, and run no faster.
 for _name in (PACKETS, NEAREST):
     wp.set_module_options({"max_unroll": 1}, module=_name)
+wp.set_module_options({"strip_hash": True}, module=PACKETS)
 
 
 def import_kernels(module: str) -> None:
     """Import every file with kernels in a module of FILES."""
     for file in FILES[module]:
         import_module(f"maomaps_warp.kernels.{file}")
+
+
+#: Modules that were loaded as they had been compiled; Warp need not know what their kernels call.
+LOADED: set[str] = set()
+
+
+def import_functions(module: str) -> None:
+    """Import what the kernels of a module call and their files leave out, before Warp compiles them."""
+    for file in FILES[module]:
+        late = getattr(import_module(f"maomaps_warp.kernels.{file}"), "import_functions", None)
+        if late is not None:
+            late()

@@ -16,7 +16,8 @@ most nx + ny + nz leaps. A cell of clearance 0 is a fixed point; rays that have 
 
 import warp as wp
 
-from maomaps_warp.kernels.distance_field import DistanceField, clearance_at
+from maomaps_warp.kernels.distance_field import DistanceField
+from maomaps_warp.kernels.field_cells import clearance_at
 from maomaps_warp.kernels.ray_leap import larger, leap
 from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_within, mirrored, unmirrored
 

@@ -4,14 +4,10 @@ from typing import Any
 
 import warp as wp
 
+from maomaps_warp.kernels.lanes import LANES, lanes_f, lanes_i
 from maomaps_warp.kernels.modules import OPTIONS
 
 wp.set_module_options(OPTIONS)
-
-LANES = wp.constant(16)
-#: One number for each ray of a packet.
-lanes_f = wp.types.vector(length=16, dtype=wp.float32)
-lanes_i = wp.types.vector(length=16, dtype=wp.int32)
 
 
 # What `leap` is made of, for one ray and for sixteen. Comparisons and not wp.min: that one asks for NaN.

@@ -9,21 +9,12 @@ A line is a block of memory (see `lane_memory`), LINE_SIZE numbers, in rows of L
 
 import warp as wp
 
+from maomaps_warp.kernels.association_memory import LINE_CELL, LINE_DIRECTION, LINE_FULL, LINE_ORIGIN, LINE_ROOM
 from maomaps_warp.kernels.distance_field import DistanceField
 from maomaps_warp.kernels.lane_memory import ints_at, put_lanes, put_three_lanes, three_floats_at
-from maomaps_warp.kernels.ray_leap import LANES, lanes_f
+from maomaps_warp.kernels.lanes import lanes_f
 from maomaps_warp.kernels.ray_packets import Packet, cast_packets
 
-#: Rays that are cast at once.
-LINE_FULL = wp.constant(2 * LANES)
-#: Rays that a line has room for: one less than are cast, and those of one look.
-LINE_ROOM = wp.constant(3 * LANES)
-# Rows: the ray; what its answer is for, six numbers; the answer, the cell of the first voxel as whole numbers.
-LINE_ORIGIN = wp.constant(0)
-LINE_DIRECTION = wp.constant(3 * LINE_ROOM)
-LINE_OWNER = wp.constant(6 * LINE_ROOM)
-LINE_CELL = wp.constant(12 * LINE_ROOM)
-LINE_SIZE = 15 * LINE_ROOM
 _ROWS_THAT_MOVE = wp.constant(12)
 
 

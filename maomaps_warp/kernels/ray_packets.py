@@ -10,8 +10,9 @@ kernels that call this want `max_unroll` 1 (see `modules`).
 import warp as wp
 
 from maomaps_warp.kernels.distance_field import DistanceField
+from maomaps_warp.kernels.lanes import LANES, lanes_f, lanes_i
 from maomaps_warp.kernels.ray_cast import cast_ray
-from maomaps_warp.kernels.ray_leap import LANES, lanes_f, lanes_i, larger, leap
+from maomaps_warp.kernels.ray_leap import larger, leap
 from maomaps_warp.kernels.ray_start import enter, first_cell, is_direction, is_within, mirrored, unmirrored
 
 #: Longer than any field, and all bits of an index but its sign.

@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from maomaps_warp.kernels.lanes import lanes_f
 from maomaps_warp.kernels.modules import OPTIONS
-from maomaps_warp.kernels.ray_leap import lanes_f, larger, smaller, whole
+from maomaps_warp.kernels.ray_leap import larger, smaller, whole
 
 wp.set_module_options(OPTIONS)
 

@@ -3,11 +3,12 @@
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import DistanceField, check_field, ray_origin, voxel_at
+from maomaps_warp.kernels.distance_field import DistanceField, check_field
+from maomaps_warp.kernels.field_cells import ray_origin, voxel_at
+from maomaps_warp.kernels.lanes import LANES, lanes_f
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.ray_cast import cast_ray
-from maomaps_warp.kernels.ray_leap import LANES, lanes_f
 from maomaps_warp.kernels.ray_packets import Packet, cast_packets
 
 # Loops over lanes are left to LLVM, see `modules`.

@@ -68,7 +68,7 @@ def prepare_kernels(device: str, *jobs: Job) -> None:
     """
     import warp as wp
 
-    from maomaps_warp.kernels.modules import JOBS, import_kernels
+    from maomaps_warp.kernels.modules import JOBS, import_functions, import_kernels
     from maomaps_warp.mapping.kernel_objects import load_cached, load_objects
 
     modules = [module for job in jobs for module in JOBS[job]]
@@ -78,9 +78,11 @@ def prepare_kernels(device: str, *jobs: Job) -> None:
         return
     left = [module for module in modules if not load_objects(module)]
     with _headers_parsed_once():
-        missing = [wp.get_module(module) for module in left if not load_cached(module)]
+        missing = [module for module in left if not load_cached(module)]
+        for module in missing:
+            import_functions(module)
         if missing:
-            wp.force_load(device, modules=missing, max_workers=len(missing))
+            wp.force_load(device, modules=[wp.get_module(module) for module in missing], max_workers=len(missing))
 
 
 @contextmanager

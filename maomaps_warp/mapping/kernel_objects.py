@@ -6,7 +6,7 @@ the usual jobs; kernels of maps too large for a dense field, and the references,
 
 An object is used only if all of this fits, else Warp compiles as usual: the version of Warp; the processor's features;
 the digest of each file of its folder; and the name, which Warp derives from its hash of the kernels' source, constants
-and options, and from the version and target of its LLVM.
+and options (in one module ours of the source files, see `modules`), and from the version and target of its LLVM.
 """
 
 from __future__ import annotations
@@ -103,11 +103,14 @@ def load_cached(module: str) -> bool:
 def _load(module: str, folder: Path | None) -> bool:
     import warp as wp
 
+    from maomaps_warp.kernels.modules import LOADED
+
     try:
         wp.load_aot_module(module, device="cpu", module_dir=folder)
-        return True
     except FileNotFoundError:
         return False
+    LOADED.add(module)
+    return True
 
 
 def build_objects(modules: Sequence[str], folder: Path) -> list[Path]:

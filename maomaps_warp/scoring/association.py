@@ -113,7 +113,7 @@ def _joined(found: list[Found], device: str) -> Found:
 
 def _classes(statuses: list[NDArray[np.int32]], associated: NDArray[np.int32]) -> NDArray[np.uint8]:
     """The class of each element from its best status over the poses, and which have a correspondence."""
-    from maomaps_warp.kernels.association_rules import OCCLUDED, OUT_OF_VIEW, VISIBLE
+    from maomaps_warp.kernels.association_types import OCCLUDED, OUT_OF_VIEW, VISIBLE
 
     class_of = np.empty(3, dtype=np.uint8)
     class_of[[int(OUT_OF_VIEW), int(OCCLUDED), int(VISIBLE)]] = (

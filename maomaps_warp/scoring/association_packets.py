@@ -41,12 +41,11 @@ class PacketSearch:
     ) -> None:
         import warp as wp
 
-        from maomaps_warp.kernels import association_rules as kinds
-        from maomaps_warp.kernels.association_sight import Sight
-        from maomaps_warp.kernels.ray_leap import lanes_f
+        from maomaps_warp.kernels import association_types as kinds
+        from maomaps_warp.kernels.lanes import lanes_f
 
         self.rules, self.elements, self.grid, self.poses = rules, elements, est.voxels.grid, len(T_est)
-        self.sight = Sight()
+        self.sight = kinds.Sight()
         self.sight.poses = pose_pairs(self.grid.origin, T_est, T_gt, "cpu")
         self.sight.blocks = wp.array(_pose_blocks(self.grid.origin, T_est, rules), dtype=lanes_f, device="cpu")
         self.sight.view = view_of(rules)
@@ -90,7 +89,7 @@ class PacketSearch:
 
     def _room_for(self, pairs: int) -> Any:
         """Memory of this thread, made once: fresh memory costs more to touch than to fill."""
-        from maomaps_warp.kernels.association_packets import create_pairs
+        from maomaps_warp.kernels.association_types import create_pairs
 
         if getattr(self._own, "room", -1) < pairs:
             self._own.pairs = create_pairs(pairs)
@@ -101,7 +100,7 @@ class PacketSearch:
 def _kernel_bricks(bricks: ElementBricks) -> Any:
     import warp as wp
 
-    from maomaps_warp.kernels.association_bricks import Bricks
+    from maomaps_warp.kernels.association_types import Bricks
 
     on_device = Bricks()
     on_device.first = wp.array(bricks.first, dtype=wp.int32, device="cpu", copy=False)

@@ -107,7 +107,7 @@ def pose_pairs(origin: NDArray[np.float64], T_est: NDArray[np.float64], T_gt: ND
     """Matched poses, (P, 4, 4) float64 each, as kernels take them: relative to `origin`, subtracted in float64."""
     import warp as wp
 
-    from maomaps_warp.kernels.association_rules import PosePairs
+    from maomaps_warp.kernels.association_types import PosePairs
 
     poses = PosePairs()
     for side, T in (("est", T_est), ("gt", T_gt)):
@@ -120,7 +120,7 @@ def pose_pairs(origin: NDArray[np.float64], T_est: NDArray[np.float64], T_gt: ND
 
 def view_of(rules: ViewRules) -> Any:
     """The view as kernels take it."""
-    from maomaps_warp.kernels.association_rules import View
+    from maomaps_warp.kernels.association_types import View
 
     view = View()
     view.x_min, view.x_max, view.y_min, view.y_max = rules.camera.tangent_bounds
