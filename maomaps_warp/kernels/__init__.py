@@ -2,7 +2,7 @@
 
 Each module holds `@wp.struct`s, `@wp.func`s to call from your own kernels, and launchers. Launchers run on the device
 of their arrays, check them, take their outputs as `out_*` or allocate them, and never synchronise; `build_surface`
-alone reads two numbers back.
+and `build_triangle_tree` alone read a number or two back.
 
 Registering a kernel takes Warp milliseconds, so each file is loaded when a name of it is first used.
 """
@@ -34,6 +34,7 @@ _NAMES = {
     "ray_packets": ("Packet", "cast_packets"),
     "render": ("Images", "MeshScene", "render_scene", "view_from"),
     "surface": ("Surface", "build_surface", "cast_rays", "first_surface"),
+    "triangle_tree": ("TriangleTree", "build_triangle_tree"),
     "voxel_hash": (
         "VoxelHash",
         "add_sample",

@@ -18,9 +18,9 @@ from maomaps_warp.kernels.association_memory import (
     LIST_ROWS,
     PoseLists,
 )
-from maomaps_warp.kernels.association_rules import flag
 from maomaps_warp.kernels.association_types import View
-from maomaps_warp.kernels.lane_memory import any_of, float_at, int_at, put
+from maomaps_warp.kernels.lane_logic import any_of, flag
+from maomaps_warp.kernels.lane_memory import float_at, int_at, put
 from maomaps_warp.kernels.lanes import LANES, lanes_f, lanes_i
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ray_leap import smaller

@@ -3,6 +3,7 @@
 import warp as wp
 
 from maomaps_warp.kernels.association_types import View
+from maomaps_warp.kernels.lane_logic import flag
 from maomaps_warp.kernels.modules import OPTIONS
 
 # No fused multiply-adds: CPU and CUDA, lanes and scalars must agree on the rays that pass an edge.
@@ -38,13 +39,6 @@ def to_map(rotation: wp.mat33, direction: wp.vec3) -> wp.vec3:
 def square_length(offset: wp.vec3) -> wp.float32:
     """Squared length, the terms added in the order x, y, z."""
     return offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
-
-
-# Conditions are 1 or 0 and joined by `&`: `and` is a branch, and lanes of a vector cannot branch.
-@wp.func(inline=True)
-def flag(condition: wp.bool) -> wp.int32:
-    """1 if the condition holds, else 0."""
-    return wp.where(condition, 1, 0)
 
 
 @wp.func(inline=True)

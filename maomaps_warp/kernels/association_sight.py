@@ -20,10 +20,11 @@ from maomaps_warp.kernels.association_memory import (
     SLOT_TRAIL,
     SLOT_X,
 )
-from maomaps_warp.kernels.association_rules import direction_of, flag, is_camera_inside, is_in_view
+from maomaps_warp.kernels.association_rules import direction_of, is_camera_inside, is_in_view
 from maomaps_warp.kernels.association_trail import blocked_again
 from maomaps_warp.kernels.association_types import View
-from maomaps_warp.kernels.lane_memory import any_of, floats_at, ints_at, put_lanes, put_three_lanes, three_floats_at
+from maomaps_warp.kernels.lane_logic import any_of, flag
+from maomaps_warp.kernels.lane_memory import floats_at, ints_at, put_lanes, put_three_lanes, three_floats_at
 from maomaps_warp.kernels.lanes import lanes_f, lanes_i
 
 

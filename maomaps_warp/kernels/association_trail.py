@@ -2,9 +2,8 @@
 
 import warp as wp
 
-from maomaps_warp.kernels.association_rules import flag
 from maomaps_warp.kernels.distance_field import DistanceField
-from maomaps_warp.kernels.lane_memory import any_of
+from maomaps_warp.kernels.lane_logic import any_of, flag
 from maomaps_warp.kernels.lanes import lanes_f, lanes_i
 from maomaps_warp.kernels.ray_packets import look_up
 

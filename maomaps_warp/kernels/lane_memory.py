@@ -100,9 +100,3 @@ def put_three_lanes(address: wp.uint64, place: wp.int32, step: wp.int32, x: Any,
     put_lanes(address, place, x)
     put_lanes(address, place + step, y)
     put_lanes(address, place + 2 * step, z)
-
-
-@wp.func(inline=True)
-def any_of(mask: lanes_i) -> wp.bool:
-    """Whether a lane is 1."""
-    return wp.dot(mask, mask) != 0

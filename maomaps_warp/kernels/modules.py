@@ -58,7 +58,7 @@ FILES: dict[str, tuple[str, ...]] = {
         "voxel_bricks_export",
     ),
     TEXT: ("text_tables",),
-    RENDER: ("render", "robot_space"),
+    RENDER: ("render", "robot_space", "triangle_tree"),
 }
 
 #: What each job launches on a CPU as a rule; Warp compiles the rest where it is launched after all.
@@ -85,7 +85,7 @@ for _name in FILES:
     wp.set_module_options(OPTIONS, module=_name)
 
 # Loops over lanes are left to LLVM: unrolled by Warp they take several times as long to compile, and run no faster.
-for _name in (PACKETS, NEAREST):
+for _name in (PACKETS, NEAREST, RENDER):
     wp.set_module_options({"max_unroll": 1}, module=_name)
 wp.set_module_options({"strip_hash": True}, module=PACKETS)
 

@@ -2,26 +2,29 @@
 
 The pinhole model is that of sensor_msgs/CameraInfo without distortion: the optical frame has x right, y down,
 z forward, and pixel (0, 0) is the centre of the first pixel. Depth, normals and parts are those of the ray through the
-pixel's centre, so that a depth is that of one surface; colours are the mean over a grid of rays.
+pixel's centre, so that a depth is that of one surface; colours are the mean over a grid of rays. Which face a ray meets
+is found in two ways; what it meets there is computed by one function for both (`pixels.surface_at`).
 
-Cost: a walk down wp.Mesh's tree for each ray, one of depth and samples^2 of colours a pixel. Faces that show only their
-front are passed from behind, as a rasteriser that culls them does: a new walk from there on.
+Cost: one ray of depth and samples^2 of colours a pixel. Down wp.Mesh's tree they walk alone; faces that show only their
+front are passed from behind, as a rasteriser that culls them does: a new walk from there on. Down a `TriangleTree`, on
+a CPU, sixteen walk together (`tile_cast`).
 """
 
-import math
 from dataclasses import dataclass
 
 import warp as wp
 
 from maomaps_warp.kernels.appearance import Appearance, color_of_hit
 from maomaps_warp.kernels.checks import check_array
+from maomaps_warp.kernels.lanes import lanes_f
 from maomaps_warp.kernels.modules import RENDER
+from maomaps_warp.kernels.pixels import View, ray_through, search_depth, surface_at, view_from, write_surface
 from maomaps_warp.kernels.ranges import launch_ranges
+from maomaps_warp.kernels.tile_cast import TILE, cast_tile, tile_rays
+from maomaps_warp.kernels.triangle_tree import TriangleTree
 
-#: Depth of a pixel whose ray hits nothing, metres: depth images say "missing" so (elsewhere it is inf).
-NO_DEPTH = wp.constant(wp.float32(0.0))
-#: Part of such a pixel.
-NO_PART = wp.constant(-1)
+__all__ = ["Images", "MeshScene", "View", "render_scene", "view_from"]
+
 #: How many culled faces a ray passes at most, and how far behind one it goes on, metres of depth.
 _MOST_PASSED = wp.constant(64)
 _BEHIND = wp.constant(wp.float32(1.0e-5))
@@ -29,39 +32,13 @@ _BEHIND = wp.constant(wp.float32(1.0e-5))
 _LEAST_PIXELS = 1024
 
 
-@wp.struct
-class View:
-    """A pinhole camera at a pose."""
-
-    T_world_camera: wp.transformf  # optical frame
-    fx: wp.float32  # pixels
-    fy: wp.float32
-    cx: wp.float32
-    cy: wp.float32
-    max_depth: wp.float32  # metres along the optical axis
-    columns: wp.int32
-
-
-@wp.func
-def ray_through(view: View, u: wp.float32, v: wp.float32) -> wp.vec3:
-    """World direction of the ray through image point (u, v), scaled to z = 1 in the optical frame: t is the depth."""
-    return wp.transform_vector(view.T_world_camera, wp.vec3((u - view.cx) / view.fx, (v - view.cy) / view.fy, 1.0))
-
-
 @wp.func
 def first_seen(
     mesh: wp.uint64, is_double_sided: wp.array(dtype=wp.uint8), origin: wp.vec3, direction: wp.vec3, max_t: wp.float32
-):
-    """The first face on a ray that shows this side.
-
-    Returns:
-        Face (-1: none), t, barycentric coordinates u and v of its first two corners, normal.
-    """
+) -> wp.int32:
+    """The first face on a ray that shows this side; -1: none."""
     face = wp.int32(-1)
     t = wp.float32(0.0)
-    u = wp.float32(0.0)
-    v = wp.float32(0.0)
-    normal = wp.vec3(0.0, 0.0, 0.0)
     passed = wp.int32(0)
     while passed < _MOST_PASSED:
         hit = wp.mesh_query_ray(mesh, origin + t * direction, direction, max_t - t)
@@ -72,12 +49,41 @@ def first_seen(
             passed += 1
         else:
             face = hit.face
-            t = t + hit.t
-            u = hit.u
-            v = hit.v
-            normal = hit.normal
             passed = _MOST_PASSED
-    return face, t, u, v, normal
+    return face
+
+
+@wp.func
+def _surface_of_mesh(mesh: wp.uint64, face: wp.int32, origin: wp.vec3, direction: wp.vec3):
+    return surface_at(
+        wp.mesh_get_point(mesh, 3 * face),
+        wp.mesh_get_point(mesh, 3 * face + 1),
+        wp.mesh_get_point(mesh, 3 * face + 2),
+        origin,
+        direction,
+    )
+
+
+@wp.func
+def _surface_of_tree(tree: TriangleTree, place: wp.int32, origin: wp.vec3, direction: wp.vec3):
+    return surface_at(
+        tree.corners[3 * place], tree.corners[3 * place + 1], tree.corners[3 * place + 2], origin, direction
+    )
+
+
+@wp.func
+def _as_bytes(color: wp.vec3) -> wp.vec3ub:
+    return wp.vec3ub(
+        wp.uint8(wp.min(color[0] + 0.5, 255.0)),
+        wp.uint8(wp.min(color[1] + 0.5, 255.0)),
+        wp.uint8(wp.min(color[2] + 0.5, 255.0)),
+    )
+
+
+@wp.func
+def _offset(number: wp.int32, samples: wp.int32) -> wp.float32:
+    """How far a sample lies from a pixel's centre along one axis, pixels."""
+    return wp.where(samples > 1, (wp.float32(number) + 0.5) / wp.float32(samples) - 0.5, 0.0)
 
 
 @wp.kernel(module=RENDER)
@@ -101,33 +107,84 @@ def _render_kernel(
     column = wp.float32(pixel % view.columns)
     origin = wp.transform_get_translation(view.T_world_camera)
     direction = ray_through(view, column, row)
-    face, t, u, v, normal = first_seen(mesh, is_double_sided, origin, direction, view.max_depth)
-    depth[pixel] = wp.where(face >= 0, t, NO_DEPTH)
-    if normals.shape[0] > 0:
-        # Towards the camera, in the optical frame.
-        facing = wp.where(wp.dot(normal, direction) > 0.0, -1.0, 1.0)
-        normals[pixel] = wp.quat_rotate_inv(wp.transform_get_rotation(view.T_world_camera), facing * normal)
-    if parts.shape[0] > 0:
-        part = wp.int32(NO_PART)
-        if face >= 0:
-            part = face_part[face]
-        parts[pixel] = part
+    face = first_seen(mesh, is_double_sided, origin, direction, search_depth(view))
+    t, u, v, normal = _surface_of_mesh(mesh, wp.max(face, 0), origin, direction)
+    face = wp.where(t < view.max_depth, face, -1)
+    write_surface(view, pixel, face, t, normal, direction, face_part, depth, normals, parts)
     if colors.shape[0] > 0:
         color = wp.vec3(0.0, 0.0, 0.0)
         for sample in range(samples * samples):
             if samples > 1:
-                across = (wp.float32(sample % samples) + 0.5) / wp.float32(samples) - 0.5
-                down = (wp.float32(sample // samples) + 0.5) / wp.float32(samples) - 0.5
-                direction = ray_through(view, column + across, row + down)
-                face, t, u, v, normal = first_seen(mesh, is_double_sided, origin, direction, view.max_depth)
-            if face >= 0:
+                across = _offset(sample % samples, samples)
+                direction = ray_through(view, column + across, row + _offset(sample // samples, samples))
+                face = first_seen(mesh, is_double_sided, origin, direction, search_depth(view))
+                t, u, v, normal = _surface_of_mesh(mesh, wp.max(face, 0), origin, direction)
+            if face >= 0 and t < view.max_depth:
                 color = color + color_of_hit(look, face, u, v, origin + t * direction, normal, direction)
-        color = color / wp.float32(samples * samples)
-        colors[pixel] = wp.vec3ub(
-            wp.uint8(wp.min(color[0] + 0.5, 255.0)),
-            wp.uint8(wp.min(color[1] + 0.5, 255.0)),
-            wp.uint8(wp.min(color[2] + 0.5, 255.0)),
-        )
+        colors[pixel] = _as_bytes(color / wp.float32(samples * samples))
+
+
+@wp.kernel(module=RENDER)
+def _render_tiles_kernel(
+    # In:
+    start: wp.int32,
+    tree: TriangleTree,
+    is_double_sided: wp.array(dtype=wp.uint8),
+    face_part: wp.array(dtype=wp.int32),
+    look: Appearance,
+    view: View,
+    rows: wp.int32,
+    samples: wp.int32,
+    # Out, as those of `_render_kernel`:
+    depth: wp.array(dtype=wp.float32),
+    colors: wp.array(dtype=wp.vec3ub),
+    normals: wp.array(dtype=wp.vec3),
+    parts: wp.array(dtype=wp.int32),
+):
+    tile = start + wp.tid()
+    tiles_of_row = (view.columns + TILE - 1) // TILE
+    first_column = (tile % tiles_of_row) * TILE
+    first_row = (tile // tiles_of_row) * TILE
+    origin = wp.transform_get_translation(view.T_world_camera)
+    places = cast_tile(tree, is_double_sided, tile_rays(view, first_column, first_row, 0.0, 0.0), search_depth(view))
+    for k in range(16):
+        column = first_column + (k & 3)
+        row = first_row + (k >> 2)
+        if column < view.columns and row < rows:
+            place = wp.max(places[k], 0)
+            direction = ray_through(view, wp.float32(column), wp.float32(row))
+            t, _u, _v, normal = _surface_of_tree(tree, place, origin, direction)
+            face = wp.where(places[k] >= 0 and t < view.max_depth, tree.face[place], -1)
+            pixel = row * view.columns + column
+            write_surface(view, pixel, face, t, normal, direction, face_part, depth, normals, parts)
+    if colors.shape[0] > 0:
+        red = lanes_f()
+        green = lanes_f()
+        blue = lanes_f()
+        for sample in range(samples * samples):
+            across = _offset(sample % samples, samples)
+            down = _offset(sample // samples, samples)
+            if samples > 1:
+                shifted = tile_rays(view, first_column, first_row, across, down)
+                places = cast_tile(tree, is_double_sided, shifted, search_depth(view))
+            for k in range(16):
+                place = places[k]
+                if place >= 0:
+                    column_k = wp.float32(first_column + (k & 3)) + across
+                    direction_k = ray_through(view, column_k, wp.float32(first_row + (k >> 2)) + down)
+                    t_k, u_k, v_k, normal_k = _surface_of_tree(tree, place, origin, direction_k)
+                    if t_k < view.max_depth:
+                        point = origin + t_k * direction_k
+                        color = color_of_hit(look, tree.face[place], u_k, v_k, point, normal_k, direction_k)
+                        red[k] += color[0]
+                        green[k] += color[1]
+                        blue[k] += color[2]
+        for k in range(16):
+            column = first_column + (k & 3)
+            row = first_row + (k >> 2)
+            if column < view.columns and row < rows:
+                mean = wp.vec3(red[k], green[k], blue[k]) / wp.float32(samples * samples)
+                colors[row * view.columns + column] = _as_bytes(mean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,13 +192,13 @@ class MeshScene:
     """A mesh on a device, ready to be rendered.
 
     Attributes:
-        mesh: metres, world frame, z up.
+        mesh: metres, world frame, z up; on a CPU a `TriangleTree` is rendered several times as fast.
         look: its colours; None renders none.
         is_double_sided: (F,) uint8: 0 where only the front (counter-clockwise) shows.
         face_part: (F,) int32, which part of the scene each face belongs to.
     """
 
-    mesh: wp.Mesh
+    mesh: "wp.Mesh | TriangleTree"
     look: "Appearance | None"
     is_double_sided: wp.array
     face_part: wp.array
@@ -162,39 +219,6 @@ class Images:
     colors: wp.array | None
     normals: wp.array | None
     parts: wp.array | None
-
-
-def view_from(
-    T_world_camera: wp.transformf,
-    width: int,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    max_depth: float,
-) -> View:
-    """A camera at a pose.
-
-    Args:
-        T_world_camera: its pose, optical frame (x right, y down, z forward).
-        width: of the image, pixels.
-        fx, fy: focal lengths, pixels.
-        cx, cy: principal point, pixels; (0, 0) is the centre of the first pixel.
-        max_depth: surfaces beyond it are not seen, metres along the optical axis.
-
-    Raises:
-        ValueError: a number is out of range.
-    """
-    if not (math.isfinite(max_depth) and max_depth > 0.0):
-        raise ValueError(f"max_depth must be positive and finite, got {max_depth}")
-    if not (fx > 0.0 and fy > 0.0):
-        raise ValueError(f"focal lengths must be positive, got fx={fx}, fy={fy}")
-    view = View()
-    view.T_world_camera = T_world_camera
-    view.fx, view.fy, view.cx, view.cy = fx, fy, cx, cy
-    view.max_depth = max_depth
-    view.columns = width
-    return view
 
 
 def render_scene(
@@ -230,8 +254,9 @@ def render_scene(
         raise ValueError(f"image size and samples must be positive, got {shape[1]}x{shape[0]}, {samples}")
     if scene.look is None and out_colors is not None:
         raise ValueError("out_colors needs a scene with colours")
-    device = scene.mesh.device
-    faces = scene.mesh.indices.size // 3
+    is_alone = isinstance(scene.mesh, wp.Mesh)
+    device = scene.mesh.device if is_alone else scene.mesh.face.device
+    faces = scene.mesh.indices.size // 3 if is_alone else len(scene.mesh.face)
     check_array("is_double_sided", scene.is_double_sided, wp.uint8, (faces,), device)
     check_array("face_part", scene.face_part, wp.int32, (faces,), device)
     if scene.look is not None:
@@ -241,15 +266,17 @@ def render_scene(
     normals = wp.empty(shape, dtype=wp.vec3, device=device) if with_normals else None
     parts = wp.empty(shape, dtype=wp.int32, device=device) if with_parts else None
     look = Appearance() if scene.look is None else scene.look
-    launch_ranges(
-        _render_kernel,
-        height * view.columns,
-        inputs=[scene.mesh.id, scene.is_double_sided, scene.face_part, look, view, samples],
-        outputs=[None if image is None else image.flatten() for image in (depth, colors, normals, parts)],
-        device=device,
-        threads=threads,
-        grain=_LEAST_PIXELS,
-    )
+    outputs = [None if image is None else image.flatten() for image in (depth, colors, normals, parts)]
+    scenery = [scene.is_double_sided, scene.face_part, look, view]
+    if is_alone:
+        kernel, tasks, inputs = _render_kernel, height * view.columns, [scene.mesh.id, *scenery, samples]
+        grain = _LEAST_PIXELS
+    else:
+        tile = int(TILE)
+        kernel, tasks = _render_tiles_kernel, -(-height // tile) * -(-view.columns // tile)
+        inputs = [scene.mesh, *scenery, height, samples]
+        grain = _LEAST_PIXELS // tile**2
+    launch_ranges(kernel, tasks, inputs=inputs, outputs=outputs, device=device, threads=threads, grain=grain)
     return Images(depth, colors, normals, parts)
 
 

@@ -50,6 +50,7 @@ def scene_of(world: World, options: RenderOptions, device: str, *, with_colors: 
 
     from maomaps_warp.kernels.appearance import create_appearance
     from maomaps_warp.kernels.render import MeshScene
+    from maomaps_warp.kernels.triangle_tree import build_triangle_tree
 
     look = None
     if with_colors:
@@ -63,11 +64,10 @@ def scene_of(world: World, options: RenderOptions, device: str, *, with_colors: 
             device=device,
         )
     shown = np.full(len(world.triangles), options.are_back_faces_seen) | world.is_double_sided
+    points = wp.array(world.vertices, dtype=wp.vec3f, device=device)
+    corners = wp.array(world.triangles.reshape(-1), dtype=wp.int32, device=device)
     return MeshScene(
-        wp.Mesh(
-            points=wp.array(world.vertices, dtype=wp.vec3f, device=device),
-            indices=wp.array(world.triangles.reshape(-1), dtype=wp.int32, device=device),
-        ),
+        build_triangle_tree(points, corners) if points.device.is_cpu else wp.Mesh(points, corners),
         look,
         wp.array(shown.astype(np.uint8), dtype=wp.uint8, device=device),
         wp.array(world.face_part, dtype=wp.int32, device=device),
