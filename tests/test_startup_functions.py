@@ -13,9 +13,19 @@ import pytest
 import warp as wp
 
 from maomaps_warp.kernels import modules, source_digest
+from maomaps_warp.mapping.kernel_objects import fitting_targets
 
 FOLDER = Path(source_digest.__file__).parent
 FILE = "association_packets"
+
+#: Settings and options that do not change what PACKETS becomes on a CPU.
+WITHOUT_EFFECT = {
+    *("block_dim", "cuda_output", "fast_math", "lineinfo", "llvm_cuda", "compile_time_trace", "extra_cuda_preamble"),
+    *("extra_cuda_include_dirs", "enable_mathdx_gemm", "enable_mathdx_solver", "enable_mathdx_fft"),
+    *("use_precompiled_headers", "verify_autograd_array_access", "deterministic_max_records"),
+}
+#: What only an option of the module itself changes; ours has none.
+NOT_GIVEN = {"extra_cpu_include_dirs", "extra_cpu_preamble", "extra_build_dependencies"}
 
 
 def _run(code, cache):
@@ -25,15 +35,23 @@ def _run(code, cache):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+#: Names of our files that were imported.
+_OURS = "print(json.dumps([name for name in sys.modules if name.startswith('maomaps_warp')]))"
+
+
 def test_the_digest_is_of_exactly_the_files_that_are_imported_to_compile(tmp_path):
-    code = """
-import json, sys
-from maomaps_warp.kernels.modules import PACKETS, import_functions
-import_functions(PACKETS)
-prefix = "maomaps_warp.kernels."
-print(json.dumps([name.removeprefix(prefix) for name in sys.modules if name.startswith(prefix)]))
-"""
-    assert set(_run(code, tmp_path)) == source_digest.sources_of(FILE).keys()
+    imports = "import json, sys\nfrom maomaps_warp.kernels.modules import PACKETS, import_functions\n"
+    # Of other packages of ours nothing at all: a constant from there would not be in the digest.
+    expected = {f"maomaps_warp.kernels.{name}" for name in source_digest.sources_of(FILE)}
+    found = _run(f"{imports}import_functions(PACKETS)\n{_OURS}", tmp_path)
+    assert set(found) - {"maomaps_warp", "maomaps_warp.kernels"} == expected
+
+
+def test_kernels_are_registered_without_what_they_call(tmp_path):
+    code = f"import json, sys\nimport maomaps_warp.kernels.{FILE}\n{_OURS}"
+    names = {name.removeprefix("maomaps_warp.kernels.") for name in _run(code, tmp_path)}
+    host = {"association_memory", "association_types", "distance_field", "lanes"}
+    assert names == {"maomaps_warp", "maomaps_warp.kernels", FILE, "modules", "source_digest", "checks", *host}
 
 
 def test_the_digest_differs_with_each_of_these_files_and_with_no_other(tmp_path, monkeypatch):
@@ -54,22 +72,37 @@ def test_the_digest_differs_with_each_of_these_files_and_with_no_other(tmp_path,
     assert source_digest.source_digest(FILE) == before
 
 
-@pytest.mark.parametrize(("setting", "value"), [("mode", "debug"), ("version", "0.0.0"), ("optimization_level", 1)])
-def test_the_digest_differs_with_warp_and_its_settings(monkeypatch, setting, value):
+@pytest.mark.parametrize("setting", source_digest.SETTINGS)
+def test_the_digest_differs_with_warp_and_its_settings(monkeypatch, setting):
     own = source_digest.source_digest(FILE)
-    monkeypatch.setattr(wp.config, setting, value)
+    assert modules.is_as_named(modules.PACKETS)
+    monkeypatch.setattr(wp.config, setting, "another")
     assert source_digest.source_digest(FILE) != own
+    assert not modules.is_as_named(modules.PACKETS)
 
 
-#: Associates two small maps; `prepare` comes first or does not. Says what was imported, and a digest of the answer.
+def test_nothing_else_that_warp_compiles_by_changes_these_kernels():
+    packets = wp.get_module_options(modules.PACKETS)
+    pinned = {*modules.OPTIONS, "strip_hash", "deterministic", "max_unroll"}
+    known = {*source_digest.SETTINGS, *pinned, *WITHOUT_EFFECT, *NOT_GIVEN}
+    assert set(wp.get_module(modules.PACKETS).resolve_options(wp.config)) <= known
+    assert packets["extra_build_options"] is None
+
+
+#: Associates two small maps after whatever `first` does. Says whether the functions were imported, and what the answer
+#: is.
 _ASSOCIATE = """
 import hashlib, json, sys
+from pathlib import Path
 import numpy as np
 import warp as wp
 wp.config.log_level = wp.LOG_ERROR
+from maomaps_warp.kernels import modules
+from maomaps_warp.mapping import kernel_objects
 from maomaps_warp.mapping.device import prepare_kernels
-if {prepare}:
-    prepare_kernels("cpu", "score")
+kernel_objects.SHIPPED = Path({shipped!r})
+wp.init()
+{first}
 from maomaps_warp.mapping.distance_field import build_voxel_fields
 from maomaps_warp.io.cameras import parse_camera
 from maomaps_warp.model.voxels import VoxelGrid, VoxelMap
@@ -89,15 +122,62 @@ pairs = np.stack([found.element, found.pose, found.est_index, found.gt_index])
 name = "maomaps_warp.kernels.association_bricks"
 print(json.dumps([name in sys.modules, len(found), hashlib.sha256(pairs.tobytes()).hexdigest()]))
 """
+_PREPARE = 'prepare_kernels("cpu", "score")'
+#: Each is followed by an association whose functions have to be there.
+_AND_COMPILE = {
+    "not prepared": "",
+    "other settings": f"wp.config.optimization_level = 1\n{_PREPARE}",
+    "unloaded": f"{_PREPARE}\nwp.get_module(modules.PACKETS).unload()",
+    "failed before": f"""
+import maomaps_warp.kernels.{FILE}
+try:
+    wp.compile_aot_module(modules.PACKETS, device="cpu", module_dir={{folder!r}})
+    raise SystemExit("it compiled without the functions")
+except Exception as error:
+    assert "associate_brick" in str(error), error
+""",
+}
+
+
+def _associate(cache, first, shipped=""):
+    return _run(_ASSOCIATE.format(first=first, shipped=str(shipped or cache / "none")), cache)
+
+
+def _objects(cache):
+    found = {path: path.stat().st_mtime_ns for path in cache.rglob("*packets*.o")}
+    assert found
+    return found
 
 
 @pytest.mark.slow
 def test_kernels_that_were_compiled_before_do_without_the_functions_and_give_the_same(tmp_path):
-    compiling = _run(_ASSOCIATE.format(prepare=True), tmp_path)
+    compiling = _associate(tmp_path, _PREPARE)
     assert compiling[0]
     assert compiling[1] > 1000
-    objects = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*packets*.o")}
-    assert _run(_ASSOCIATE.format(prepare=True), tmp_path) == [False, *compiling[1:]]
-    # A program that launches them without preparing gets the functions along.
-    assert _run(_ASSOCIATE.format(prepare=False), tmp_path) == compiling
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*packets*.o")} == objects
+    objects = _objects(tmp_path)
+    assert _associate(tmp_path, _PREPARE) == [False, *compiling[1:]]
+    for case, first in _AND_COMPILE.items():
+        assert _associate(tmp_path, first.format(folder=str(tmp_path / "aot"))) == compiling, case
+    # Whatever was compiled beside went by another name.
+    assert objects.items() <= _objects(tmp_path).items()
+    assert _associate(tmp_path, _PREPARE) == [False, *compiling[1:]]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not fitting_targets(), reason="no objects are made for this kind of machine")
+def test_kernels_that_a_release_carries_do_without_the_functions(tmp_path):
+    build = f"""
+import json
+import warp as wp
+from maomaps_warp.kernels.modules import PACKETS, import_functions
+from maomaps_warp.mapping import kernel_objects
+wp.config.log_level = wp.LOG_ERROR
+wp.init()
+kernel_objects.TARGETS = tuple(kernel_objects.fitting_targets()[:1])
+import_functions(PACKETS)
+print(json.dumps(len(kernel_objects.build_objects([PACKETS], kernel_objects.Path({str(tmp_path / "shipped")!r})))))
+"""
+    assert _run(build, tmp_path) == 1
+    assert not list(tmp_path.glob("*/*packets*"))
+    assert _associate(tmp_path, _PREPARE, tmp_path / "shipped")[0] is False
+    assert not list(tmp_path.glob("*/*packets*"))

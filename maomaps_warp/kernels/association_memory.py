@@ -6,6 +6,7 @@ rays, and a list of poses.
 
 import warp as wp
 
+from maomaps_warp.kernels.association_types import Pairs
 from maomaps_warp.kernels.lanes import LANES
 
 # Rows of the slots (`association_slots`). Places of the estimate's map are metres, relative to the grid's origin.
@@ -82,3 +83,13 @@ def create_workspace(poses: int, elements: int) -> Workspace:
     space.gt_line = space.line + 4 * line
     space.lists.address = space.gt_line + 4 * line
     return space
+
+
+def create_pairs(room: int) -> Pairs:
+    """Memory for so many correspondences, on the CPU; a launch after the other may use it."""
+    pairs = Pairs()
+    pairs.used = wp.zeros(1, dtype=wp.int32, device="cpu")
+    pairs.element, pairs.pose, pairs.est_voxel, pairs.gt_voxel = (
+        wp.empty(room, dtype=wp.int32, device="cpu") for _ in range(4)
+    )
+    return pairs

@@ -20,18 +20,29 @@ which are cast thirty at a time. Limit: a launch is one serial loop that uses it
 so this is for CPUs.
 """
 
+from threading import Lock
+
 import numpy as np
 import warp as wp
 
 from maomaps_warp.kernels.association_memory import Workspace, create_workspace
 from maomaps_warp.kernels.association_types import Bricks, Pairs, Sight
-from maomaps_warp.kernels.modules import LOADED, PACKETS
+from maomaps_warp.kernels.modules import PACKETS, is_as_named
+
+_importing = Lock()
 
 
-def import_functions() -> None:
-    """Import what the kernels call: wanted where they are compiled, and not where they are loaded compiled."""
+def import_called_functions() -> None:
+    """Import what the kernels call, to be compiled."""
     global associate_brick
-    from maomaps_warp.kernels.association_bricks import associate_brick
+    with _importing:
+        if "associate_brick" in globals():
+            return
+        from maomaps_warp.kernels.association_bricks import associate_brick
+
+        # Files or settings that changed since the module was named go by Warp's hash. And whatever Warp has found out
+        # about the module without the functions, it forgets.
+        wp.set_module_options({"strip_hash": is_as_named(PACKETS)}, module=PACKETS)
 
 
 @wp.kernel(module=PACKETS)
@@ -83,15 +94,15 @@ def associate_packets(
     Args:
         bricks: elements, on the CPU.
         sight: poses, view and maps.
-        choice: NEAREST, FIRST or LAST of the poses that see an element, or EVERY one of them (`association_rules`).
+        choice: NEAREST, FIRST or LAST of the poses that see an element, or EVERY one of them (`association_types`).
         elements: how many.
         pairs: room for one correspondence of each element, for EVERY one from each pose; filled for `in_order`.
 
     Returns:
         Best status of each element, (N,) int32; its number of correspondences, (N,) int32.
     """
-    if PACKETS not in LOADED:
-        import_functions()
+    if not wp.get_module(PACKETS).execs:  # not loaded, whether compiled before or not
+        import_called_functions()
     pairs.used.zero_()
     status, count = (make(elements, dtype=wp.int32, device="cpu") for make in (wp.empty, wp.zeros))
     largest = int(np.diff(bricks.first.numpy()).max(initial=0))

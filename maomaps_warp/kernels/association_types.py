@@ -93,13 +93,3 @@ def check_poses(poses: PosePairs, device: Any) -> None:
     check_array("poses.est_rotation", poses.est_rotation, wp.mat33, (count,), device)
     check_array("poses.gt_rotation", poses.gt_rotation, wp.mat33, (count,), device)
     check_array("poses.gt_position", poses.gt_position, wp.vec3, (count,), device)
-
-
-def create_pairs(room: int) -> Pairs:
-    """Memory for so many correspondences, on the CPU; a launch after the other may use it."""
-    pairs = Pairs()
-    pairs.used = wp.zeros(1, dtype=wp.int32, device="cpu")
-    pairs.element, pairs.pose, pairs.est_voxel, pairs.gt_voxel = (
-        wp.empty(room, dtype=wp.int32, device="cpu") for _ in range(4)
-    )
-    return pairs

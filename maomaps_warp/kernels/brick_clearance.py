@@ -10,8 +10,9 @@ share work, so a map that fits a dense field is built many times as fast as one.
 
 import warp as wp
 
+from maomaps_warp.kernels.bit_fields import spread_bits
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, spread_bits
+from maomaps_warp.kernels.distance_field import MAX_CLEARANCE
 from maomaps_warp.kernels.modules import OPTIONS
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.voxel_keys import find_slot, pack_key

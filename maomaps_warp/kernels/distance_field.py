@@ -5,9 +5,6 @@ from typing import Any
 import warp as wp
 
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.modules import OPTIONS
-
-wp.set_module_options(OPTIONS)
 
 #: Distances are counted up to here: further away says no more than "at least so far".
 MAX_CLEARANCE = wp.constant(15)
@@ -51,15 +48,6 @@ class DistanceField:
     block_keys: wp.array(dtype=wp.int64)  # blocks of BLOCK cells that hold a voxel, and those around them
     voxel_keys: wp.array(dtype=wp.int64)
     voxel_values: wp.array(dtype=wp.int32)  # position of the voxel in the map
-
-
-@wp.func
-def spread_bits(bits: wp.uint64) -> wp.int32:
-    """The lowest 8 bits, each as the lowest of four: eight clearances of 0 or 1."""
-    x = wp.int32(bits & wp.uint64(255))
-    x = (x | (x << 12)) & 0x000F000F
-    x = (x | (x << 6)) & 0x03030303
-    return (x | (x << 3)) & 0x11111111
 
 
 def check_field(name: str, field: DistanceField, device: Any) -> None:

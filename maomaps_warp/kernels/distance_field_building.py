@@ -11,8 +11,9 @@ first reach that leaves none free. Limit: fifteen bit planes of a slab of layers
 
 import warp as wp
 
+from maomaps_warp.kernels.bit_fields import spread_bits
 from maomaps_warp.kernels.checks import check_array
-from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, DistanceField, spread_bits
+from maomaps_warp.kernels.distance_field import MAX_CLEARANCE, DistanceField
 from maomaps_warp.kernels.modules import SCORE
 from maomaps_warp.kernels.ranges import launch_ranges
 

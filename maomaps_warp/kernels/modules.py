@@ -4,11 +4,13 @@ Warp compiles whole modules, by default one for each file. Parsing Warp's header
 together, so the kernels of a job share a module, whichever file they are in: `@wp.kernel(module=SCORE)`. What stands
 beside them as a reference, or for other devices, stays in its file's own module and is compiled when it is launched.
 
-A module's hash covers all kernels that are registered in it, so all its files are imported before it is loaded.
+Warp's hash of a module covers all kernels that are registered in it, so all its files are imported before it is loaded.
 
 Registering takes a millisecond a function, so files with kernels leave their annotations as they are: as texts, which
-`from __future__ import annotations` makes of them, Warp would have to evaluate each twice. And the sixty functions that
-hang on the two kernels of PACKETS are imported only where these have to be compiled (`import_functions`).
+`from __future__ import annotations` makes of them, Warp would have to evaluate each twice. And the seventy functions
+that hang on the two kernels of PACKETS are imported only where these have to be compiled: their module is named by a
+digest of its sources, under which Warp finds what was compiled before. `wp.force_load` and `wp.compile_aot_module` of
+that module want `import_functions` first.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ SCORE = "maomaps_warp.score"
 
 #: Association on a CPU, 16 elements at a time. Apart, so that no GPU compiles it; and it takes as long as the others
 #: together, while two modules compile side by side. Its name ends with a digest of its sources, in place of Warp's hash
-#: (option `strip_hash`), which is made of all that the kernels call, and so wants it registered.
+#: (option `strip_hash`), which is made of all that the kernels call, and so wants it registered. The digest does not
+#: know of options that are set for the module later: who sets one takes `strip_hash` back.
 PACKETS = f"maomaps_warp.packets_{source_digest('association_packets')}"
 
 #: Nearest neighbours of free points on a CPU. Apart, because maps of voxels on one lattice seldom need it.
@@ -87,7 +90,8 @@ for _name in FILES:
 # Loops over lanes are left to LLVM: unrolled by Warp they take several times as long to compile, and run no faster.
 for _name in (PACKETS, NEAREST, RENDER):
     wp.set_module_options({"max_unroll": 1}, module=_name)
-wp.set_module_options({"strip_hash": True}, module=PACKETS)
+# What Warp makes of `deterministic` it works out anew when it loads a module, from the functions.
+wp.set_module_options({"strip_hash": True, "deterministic": wp.DeterministicMode.NOT_GUARANTEED}, module=PACKETS)
 
 
 def import_kernels(module: str) -> None:
@@ -96,13 +100,12 @@ def import_kernels(module: str) -> None:
         import_module(f"maomaps_warp.kernels.{file}")
 
 
-#: Modules that were loaded as they had been compiled; Warp need not know what their kernels call.
-LOADED: set[str] = set()
-
-
 def import_functions(module: str) -> None:
-    """Import what the kernels of a module call and their files leave out, before Warp compiles them."""
-    for file in FILES[module]:
-        late = getattr(import_module(f"maomaps_warp.kernels.{file}"), "import_functions", None)
-        if late is not None:
-            late()
+    """Import what the kernels of a module call and their file leaves out, before Warp compiles them."""
+    if module == PACKETS:
+        import_module("maomaps_warp.kernels.association_packets").import_called_functions()
+
+
+def is_as_named(module: str) -> bool:
+    """Whether a module's sources, and Warp's settings, are still what its name says."""
+    return module != PACKETS or module.endswith(source_digest("association_packets"))

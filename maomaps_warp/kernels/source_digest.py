@@ -9,7 +9,7 @@ from pathlib import Path
 import warp as wp
 
 #: What of Warp and its settings changes the code of a kernel on a CPU, beside the options of its module.
-_SETTINGS = (
+SETTINGS = (
     "version",
     "mode",
     "optimization_level",
@@ -25,7 +25,7 @@ _IMPORT = re.compile(r"^ *from maomaps_warp\.kernels\.(\w+) import ", re.MULTILI
 
 def source_digest(file: str) -> str:
     """Eight hexadecimal digits for the sources of a file's kernels, and for Warp with its settings."""
-    digest = hashlib.sha256(repr([getattr(wp.config, setting) for setting in _SETTINGS]).encode())
+    digest = hashlib.sha256(repr([getattr(wp.config, setting) for setting in SETTINGS]).encode())
     for name, source in sorted(sources_of(file).items()):
         digest.update(f"\n{name} {len(source)}\n".encode() + source)
     return digest.hexdigest()[:8]

@@ -75,6 +75,8 @@ def prepare_kernels(device: str, *jobs: Job) -> None:
     for module in modules:
         import_kernels(module)
     if device != "cpu":
+        for module in modules:
+            import_functions(module)
         return
     left = [module for module in modules if not load_objects(module)]
     with _headers_parsed_once():

@@ -103,14 +103,15 @@ def load_cached(module: str) -> bool:
 def _load(module: str, folder: Path | None) -> bool:
     import warp as wp
 
-    from maomaps_warp.kernels.modules import LOADED
+    from maomaps_warp.kernels.modules import is_as_named
 
+    if not is_as_named(module):
+        return False
     try:
         wp.load_aot_module(module, device="cpu", module_dir=folder)
+        return True
     except FileNotFoundError:
         return False
-    LOADED.add(module)
-    return True
 
 
 def build_objects(modules: Sequence[str], folder: Path) -> list[Path]:

@@ -89,7 +89,7 @@ class PacketSearch:
 
     def _room_for(self, pairs: int) -> Any:
         """Memory of this thread, made once: fresh memory costs more to touch than to fill."""
-        from maomaps_warp.kernels.association_types import create_pairs
+        from maomaps_warp.kernels.association_memory import create_pairs
 
         if getattr(self._own, "room", -1) < pairs:
             self._own.pairs = create_pairs(pairs)
