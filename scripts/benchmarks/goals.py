@@ -36,7 +36,7 @@ GOALS: dict[str, Goal] = {
     "associate-all": Goal(None, None, 2.5, 0.7),
     "threads": Goal(1.6, 1.9),
     "threads-all": Goal(1.6, 1.9),
-    "render": Goal(),
+    "render": Goal(1),
     "score": Goal(None, None, 0.5, 0.2),
     "score-cold": Goal(None, None, 3.0, 0.5),
     "memory": Goal(None, None, None, 600, unit="MB"),
