@@ -184,7 +184,9 @@ def test_threads_change_no_byte():
 
 
 def _shrinking(count):
-    return (np.array([[1.0, 0, 0], [1, 1, 0], [1, 0, 1]]) * 16.5 ** -np.arange(count)[:, None, None]).astype(np.float32)
+    """Each cut takes one of them off, until areas vanish."""
+    scales = 1e19 * 16.5 ** -np.arange(count)
+    return (np.array([[1.0, 0, 0], [1, 1, 0], [1, 0, 1]]) * scales[:, None, None]).astype(np.float32)
 
 
 @pytest.mark.parametrize(
@@ -193,7 +195,7 @@ def _shrinking(count):
         soup(np.random.default_rng(4), 3000),
         soup(np.random.default_rng(4), 1),
         np.tile(np.eye(3, dtype=np.float32), (5000, 1, 1)),
-        _shrinking(40),
+        _shrinking(46),
         soup(np.random.default_rng(4), 3000) * np.float32(1e25),
     ],
     ids=["soup", "one", "all alike", "each much smaller than the last", "so large that areas are infinite"],
@@ -220,11 +222,78 @@ def test_a_tree_holds_every_triangle_once_inside_of_its_boxes(corners):
                 assert (upper[child] <= upper[node]).all()
                 waiting.append((child, depth + 1))
     assert sorted(taken) == list(range(len(corners)))
-    assert deepest <= MAX_DEPTH
+    # Cut into halves from depth 32 on: the stack of a walk holds one node of each level.
+    assert deepest <= min(32 + np.log2(len(corners)), MAX_DEPTH - 1) + 1
     # Leaves are small: a ray that comes by meets few triangles.
     assert count.max() <= 8
 
 
-def test_a_tree_of_nothing_is_refused():
+def test_triangles_that_are_none_are_refused():
     with pytest.raises(ValueError, match="at least one triangle"):
         build_triangle_tree(*arrays(np.empty((0, 3, 3), np.float32)))
+    points, _ = arrays(np.eye(3, dtype=np.float32)[None])
+    for corners, words in (([0, 1, 2, 0], "three of each"), ([0, 1, 3], "0 to 2, got 3"), ([0, -1, 2], "got -1")):
+        with pytest.raises(ValueError, match=words):
+            build_triangle_tree(points, wp.array(corners, dtype=wp.int32, device="cpu"))
+
+
+def test_what_is_no_mesh_or_a_broken_tree_is_named():
+    corners = soup(np.random.default_rng(0), 5)
+    pose = pose_at(np.random.default_rng(0))
+    empty = wp.Mesh(wp.zeros(1, dtype=wp.vec3, device="cpu"), wp.zeros(0, dtype=wp.int32, device="cpu"))
+    with pytest.raises(ValueError, match=r"scene\.mesh: expected at least one triangle"):
+        images(empty, corners[:0], pose, with_look=False)
+    with pytest.raises(TypeError, match=r"scene\.mesh: expected a wp\.Mesh or a TriangleTree, got int"):
+        images(7, corners, pose)
+    tree = build_triangle_tree(*arrays(corners))
+    tree.corners = tree.corners[:6]
+    with pytest.raises(ValueError, match=r"scene\.mesh\.corners: expected shape \(15,\)"):
+        images(tree, corners, pose)
+
+
+@pytest.mark.parametrize("build", [build_triangle_tree, wp.Mesh])
+def test_a_camera_on_a_surface_sees_no_depth_behind_it(build):
+    rng = np.random.default_rng(12)
+    on_it = 0
+    for _ in range(40):
+        corners = rng.normal(0.0, 5.0, (1, 3, 3)).astype(np.float32)
+        shares = rng.dirichlet(np.ones(3))
+        seen = images(
+            build(*arrays(corners)), corners, (shares @ corners[0].astype(float), Rotation.random(random_state=rng))
+        )
+        np.testing.assert_array_equal(seen["depth"] > 0.0, seen["parts"] >= 0)
+        assert (seen["depth"] >= 0.0).all()
+        on_it += np.count_nonzero(seen["parts"] >= 0)
+    assert on_it
+
+
+def test_a_small_closed_sheet_far_away_has_no_holes():
+    # Boxes of centimetres, seen over 200 m: what is rounded is the distance.
+    cells = 128
+    side = np.linspace(-0.2, 0.2, cells + 1)
+    x, y = np.meshgrid(side, side, indexing="ij")
+    turn = Rotation.align_vectors([[1.0, 1.1, 0.9]], [[0.0, 0.0, 1.0]])[0]
+    points = turn.apply(np.stack([x, y, 0.0 * x], axis=-1).reshape(-1, 3))
+    number = np.arange(len(points)).reshape(cells + 1, cells + 1)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack(f, axis=-1).reshape(-1, 3) for f in ((a, b, c), (a, c, d))])
+    corners = points[faces].astype(np.float32)
+    tree = build_triangle_tree(*arrays(corners))
+    inner = points[number[8:-8, 8:-8]].reshape(-1, 3)
+    position = turn.apply([20.0, 10.0, 200.0])
+    lens = (5e7, 5e7, 1.5, 1.5)  # sixteen rays within a few micrometres of a corner
+    for corner in np.random.default_rng(3).choice(inner, 400):
+        ahead = Rotation.align_vectors([corner.astype(np.float32) - position], [[0.0, 0.0, 1.0]])[0]
+        seen = images(tree, corners, (position, ahead), with_look=False, size=(4, 4), lens=lens, max_depth=1e3)
+        assert (seen["parts"] >= 0).all()
+
+
+@pytest.mark.parametrize("build", [build_triangle_tree, wp.Mesh])
+def test_what_stands_behind_a_culled_face_far_away_is_seen(build):
+    far = np.array([[[-900, -900, 1000], [900, -900, 1000], [0, 900, 1000]]], dtype=np.float32)
+    behind = far[:, [0, 2, 1]] + np.float32([0, 0, 1])
+    corners = np.concatenate([far, behind])
+    parts = images(
+        build(*arrays(corners)), corners, (np.zeros(3), Rotation.identity()), shown=np.zeros(2), max_depth=1e4
+    )["parts"]
+    assert (parts[18:28, 26:34] == 1).all()

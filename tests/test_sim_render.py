@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from maomaps_warp.kernels.appearance import create_appearance
 from maomaps_warp.kernels.render import MeshScene, render_scene, view_from
+from maomaps_warp.kernels.triangle_tree import build_triangle_tree
 from maomaps_warp.model.camera import Camera
 from maomaps_warp.model.trajectory import Trajectory
 from maomaps_warp.sim.render import in_memory, render_frames
@@ -36,6 +37,18 @@ def mesh_of(boxes: list[np.ndarray], device: str) -> wp.Mesh:
     )
 
 
+@pytest.fixture(autouse=True, params=["rays", "tiles"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Down wp.Mesh's tree, and on a CPU down a tree of our own."""
+    if request.param == "tiles" and request.node.callspec.params.get("device", "cpu") != "cpu":
+        pytest.skip("tiles are for CPUs")
+    monkeypatch.setitem(globals(), "WAY", request.param)
+    return request.param
+
+
+WAY = "rays"
+
+
 def render(mesh: wp.Mesh, pose: np.ndarray, colors: np.ndarray | None = None, **options: object) -> tuple:
     """Depth and colours of a mesh whose faces have one colour each."""
     faces, device = mesh.indices.size // 3, mesh.device
@@ -43,7 +56,8 @@ def render(mesh: wp.Mesh, pose: np.ndarray, colors: np.ndarray | None = None, **
     if colors is not None:
         look = create_appearance([c.reshape(1, 1, 3) for c in colors], np.arange(len(colors)), device=device)
     both = wp.ones(faces, dtype=wp.uint8, device=device)
-    scene = MeshScene(mesh, look, both, wp.zeros(faces, dtype=wp.int32, device=device))
+    surface = build_triangle_tree(mesh.points, mesh.indices) if WAY == "tiles" else mesh
+    scene = MeshScene(surface, look, both, wp.zeros(faces, dtype=wp.int32, device=device))
     images = render_scene(scene, view_at(pose, options.pop("max_depth", 20.0)), CAMERA.height, **options)
     return images.depth, images.colors
 

@@ -31,8 +31,14 @@ def ray_through(view: View, u: wp.float32, v: wp.float32) -> wp.vec3:
 
 @wp.func
 def search_depth(view: View) -> wp.float32:
-    """How far faces are looked for; whether one lies beyond `max_depth` is decided by `surface_at` alone."""
+    """How far faces are looked for; `is_seen` decides."""
     return view.max_depth * 1.00001
+
+
+@wp.func
+def is_seen(view: View, t: wp.float32) -> wp.bool:
+    """Whether what `surface_at` finds lies ahead and near enough; whoever looked for the face rounded otherwise."""
+    return t > 0.0 and t < view.max_depth
 
 
 @wp.func

@@ -7,7 +7,7 @@ small coordinates, which float32 multiplies exactly enough; the test of an edge 
 for the triangles on its two sides, so that no ray passes between them (S. Woop et al., "Watertight ray/triangle
 intersection", Journal of Computer Graphics Techniques 2(1), 2013).
 Cost: some 30 vector operations a box, 40 and as many scalar ones again a triangle, for sixteen rays. Limit: triangles
-much smaller than a pixel, and rays that have nothing in common.
+much smaller than a pixel, rays that have nothing in common, and lenses of more than 170 degrees.
 """
 
 import warp as wp
@@ -23,6 +23,9 @@ TILE = wp.constant(4)
 _stack = wp.types.vector(length=MAX_DEPTH, dtype=wp.int32)
 #: Stands for 1 / 0.
 _STEEP = wp.constant(wp.float32(1.0e30))
+#: More than what rounding takes from where a ray leaves a box (T. Ize, "Robust BVH ray traversal", Journal of Computer
+#: Graphics Techniques 2(2), 2013).
+_ROUNDED_UP = wp.constant(wp.float32(1.0000005))
 
 
 @wp.struct
@@ -76,7 +79,7 @@ def _meet_box(lower: wp.vec3, upper: wp.vec3, ix: lanes_f, iy: lanes_f, iz: lane
     leave = smaller(larger(x0, x1), smaller(larger(y0, y1), larger(z0, z1)))
     meets = lanes_i()
     for k in range(16):
-        until = wp.where(leave[k] < best[k], leave[k], best[k])
+        until = _ROUNDED_UP * wp.where(leave[k] < best[k], leave[k], best[k])
         meets[k] = flag(enter[k] <= until) & flag(leave[k] >= 0.0)
     return any_of(meets)
 

@@ -36,7 +36,7 @@ class TriangleTree:
     upper: wp.array(dtype=wp.vec3)  # (N,)
     first: wp.array(dtype=wp.int32)  # (N,) a leaf's first triangle in the leaves' order; else the first child
     count: wp.array(dtype=wp.int32)  # (N,) a leaf's triangles; 0: no leaf
-    axis: wp.array(dtype=wp.int32)  # (N,) on which the first child lies lower than the second
+    axis: wp.array(dtype=wp.int32)  # (N,) on which the first child lies lower than the second, as a rule
     corners: wp.array(dtype=wp.vec3)  # (3 F,) of the triangles in the leaves' order, metres
     face: wp.array(dtype=wp.int32)  # (F,) which of the caller's triangles each is
 
@@ -221,13 +221,19 @@ def build_triangle_tree(points: wp.array, indices: wp.array) -> TriangleTree:
         indices: (3 F,) int32, three corners of each triangle, F >= 1.
 
     Raises:
-        ValueError: there are no triangles, or an array has the wrong shape or device.
+        TypeError: an array has the wrong dtype.
+        ValueError: there are no triangles, a corner is none of the points, or an array has the wrong shape or device.
     """
     check_array("points", points, wp.vec3, (None,), "cpu")
     check_array("indices", indices, wp.int32, (None,), "cpu")
     triangles = len(indices) // 3
     if triangles < 1:
         raise ValueError("indices: expected at least one triangle, got none")
+    if len(indices) % 3:
+        raise ValueError(f"indices: expected three of each triangle, got {len(indices)}")
+    lowest, highest = int(indices.numpy().min()), int(indices.numpy().max())
+    if lowest < 0 or highest >= len(points):
+        raise ValueError(f"indices: expected 0 to {len(points) - 1}, got {lowest if lowest < 0 else highest}")
     low, high, middle, slice_low, slice_high = (
         wp.empty(count, dtype=wp.vec3, device="cpu") for count in (*[triangles] * 3, *[int(_SLICES)] * 2)
     )
@@ -251,3 +257,16 @@ def build_triangle_tree(points: wp.array, indices: wp.array) -> TriangleTree:
     tree.corners = wp.empty(3 * triangles, dtype=wp.vec3, device="cpu")
     wp.launch(_take_kernel, dim=3 * triangles, inputs=[points, indices, tree.face, tree.corners], device="cpu")
     return tree
+
+
+def check_tree(name: str, tree: TriangleTree) -> None:
+    """Raise unless the arrays of a tree fit together and lie on the CPU."""
+    if not hasattr(tree, "corners"):
+        raise TypeError(f"{name}: expected a wp.Mesh or a TriangleTree, got {type(tree).__name__}")
+    check_array(f"{name}.lower", tree.lower, wp.vec3, (None,), "cpu")
+    nodes = len(tree.lower)
+    check_array(f"{name}.upper", tree.upper, wp.vec3, (nodes,), "cpu")
+    for each in ("first", "count", "axis"):
+        check_array(f"{name}.{each}", getattr(tree, each), wp.int32, (nodes,), "cpu")
+    check_array(f"{name}.face", tree.face, wp.int32, (None,), "cpu")
+    check_array(f"{name}.corners", tree.corners, wp.vec3, (3 * len(tree.face),), "cpu")
