@@ -9,7 +9,8 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from maomaps_warp.kernels.appearance import create_appearance
-from maomaps_warp.kernels.render import MeshScene, render_scene, view_from
+from maomaps_warp.kernels.pixels import view_from
+from maomaps_warp.kernels.render import MeshScene, render_scene
 from maomaps_warp.kernels.triangle_tree import MAX_DEPTH, build_triangle_tree
 
 #: Share of pixels whose ray passes an edge so closely that its rounding decides.

@@ -8,7 +8,8 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from maomaps_warp.kernels.appearance import create_appearance
-from maomaps_warp.kernels.render import Images, MeshScene, render_scene, view_from
+from maomaps_warp.kernels.pixels import view_from
+from maomaps_warp.kernels.render import Images, MeshScene, render_scene
 
 #: Levels of 8 bits: colours are float32 sums of a few products, rounded once.
 ONE_LEVEL = 1

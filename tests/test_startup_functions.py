@@ -133,7 +133,7 @@ import maomaps_warp.kernels.{FILE}
 try:
     wp.compile_aot_module(modules.PACKETS, device="cpu", module_dir={{folder!r}})
     raise SystemExit("it compiled without the functions")
-except Exception as error:
+except Exception as error:  # Warp exports no name for it
     assert "associate_brick" in str(error), error
 """,
 }

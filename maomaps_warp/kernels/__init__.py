@@ -30,9 +30,10 @@ _NAMES = {
     "field_cells": ("cell_center", "clearance_at", "ray_origin", "voxel_at"),
     "nearest": ("PointTree", "find_nearest", "nearest_point"),
     "pair_errors": ("Pairs", "pair_errors"),
+    "pixels": ("view_from",),
     "ray_cast": ("cast_ray",),
     "ray_packets": ("Packet", "cast_packets"),
-    "render": ("Images", "MeshScene", "render_scene", "view_from"),
+    "render": ("Images", "MeshScene", "render_scene"),
     "surface": ("Surface", "build_surface", "cast_rays", "first_surface"),
     "triangle_tree": ("TriangleTree", "build_triangle_tree"),
     "voxel_hash": (

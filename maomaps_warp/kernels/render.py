@@ -19,12 +19,10 @@ from maomaps_warp.kernels.appearance import Appearance, color_of_hit
 from maomaps_warp.kernels.checks import check_array
 from maomaps_warp.kernels.lanes import lanes_f
 from maomaps_warp.kernels.modules import RENDER
-from maomaps_warp.kernels.pixels import View, is_seen, ray_through, search_depth, surface_at, view_from, write_surface
+from maomaps_warp.kernels.pixels import View, is_seen, ray_through, search_depth, surface_at, write_surface
 from maomaps_warp.kernels.ranges import launch_ranges
 from maomaps_warp.kernels.tile_cast import TILE, cast_tile, tile_rays
 from maomaps_warp.kernels.triangle_tree import TriangleTree, check_tree
-
-__all__ = ["Images", "MeshScene", "View", "render_scene", "view_from"]
 
 #: How many culled faces a ray passes at most, and how far behind one it goes on, metres of depth and share of it.
 _MOST_PASSED = wp.constant(64)

@@ -7,7 +7,7 @@ small coordinates, which float32 multiplies exactly enough; the test of an edge 
 for the triangles on its two sides, so that no ray passes between them (S. Woop et al., "Watertight ray/triangle
 intersection", Journal of Computer Graphics Techniques 2(1), 2013).
 Cost: some 30 vector operations a box, 40 and as many scalar ones again a triangle, for sixteen rays. Limit: triangles
-much smaller than a pixel, rays that have nothing in common, and lenses of more than 170 degrees.
+much smaller than a pixel, rays that have nothing in common, and lenses of nearly 180 degrees.
 """
 
 import warp as wp

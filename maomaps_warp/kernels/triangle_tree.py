@@ -179,40 +179,6 @@ def _build_kernel(
     out_nodes[0] = nodes
 
 
-@wp.kernel(module=RENDER)
-def _measure_kernel(
-    # In:
-    points: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=wp.int32),
-    # Out:
-    out_low: wp.array(dtype=wp.vec3),
-    out_high: wp.array(dtype=wp.vec3),
-    out_middle: wp.array(dtype=wp.vec3),
-):
-    i = wp.tid()
-    a = points[indices[3 * i]]
-    b = points[indices[3 * i + 1]]
-    c = points[indices[3 * i + 2]]
-    low = wp.min(a, wp.min(b, c))
-    high = wp.max(a, wp.max(b, c))
-    out_low[i] = low
-    out_high[i] = high
-    out_middle[i] = 0.5 * (low + high)
-
-
-@wp.kernel(module=RENDER)
-def _take_kernel(
-    # In:
-    points: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=wp.int32),
-    order: wp.array(dtype=wp.int32),
-    # Out:
-    out_corners: wp.array(dtype=wp.vec3),
-):
-    i = wp.tid()
-    out_corners[i] = points[indices[3 * order[i // 3] + i % 3]]
-
-
 def build_triangle_tree(points: wp.array, indices: wp.array) -> TriangleTree:
     """A tree around triangles, on the CPU.
 
@@ -231,31 +197,32 @@ def build_triangle_tree(points: wp.array, indices: wp.array) -> TriangleTree:
         raise ValueError("indices: expected at least one triangle, got none")
     if len(indices) % 3:
         raise ValueError(f"indices: expected three of each triangle, got {len(indices)}")
-    lowest, highest = int(indices.numpy().min()), int(indices.numpy().max())
+    numbers = indices.numpy().reshape(-1, 3)
+    lowest, highest = int(numbers.min()), int(numbers.max())
     if lowest < 0 or highest >= len(points):
         raise ValueError(f"indices: expected 0 to {len(points) - 1}, got {lowest if lowest < 0 else highest}")
-    low, high, middle, slice_low, slice_high = (
-        wp.empty(count, dtype=wp.vec3, device="cpu") for count in (*[triangles] * 3, *[int(_SLICES)] * 2)
-    )
-    wp.launch(_measure_kernel, dim=triangles, inputs=[points, indices], outputs=[low, high, middle], device="cpu")
+    corners = points.numpy()[numbers]
+    low, high = (of(of(corners[:, 0], corners[:, 1]), corners[:, 2]) for of in (np.fmin, np.fmax))
     tree = TriangleTree()
     most = 2 * triangles
     tree.lower, tree.upper = (wp.empty(most, dtype=wp.vec3, device="cpu") for _ in range(2))
     tree.first, tree.count, tree.axis = (wp.empty(most, dtype=wp.int32, device="cpu") for _ in range(3))
     tree.face = wp.array(np.arange(triangles, dtype=np.int32), dtype=wp.int32, device="cpu")
+    boxes = [wp.array(b, dtype=wp.vec3, device="cpu", copy=False) for b in (low, high, 0.5 * (low + high))]
+    slices = [wp.empty(int(_SLICES), dtype=wp.vec3, device="cpu") for _ in range(2)]
     waiting = wp.empty((2 * MAX_DEPTH, 4), dtype=wp.int32, device="cpu")
     nodes = wp.empty(1, dtype=wp.int32, device="cpu")
     wp.launch(
         _build_kernel,
         dim=1,
-        inputs=[low, high, middle, waiting, slice_low, slice_high, tree.face, tree, nodes],
+        inputs=[*boxes, waiting, *slices, tree.face, tree, nodes],
         device="cpu",
     )
     used = int(nodes.numpy()[0])
     for name in ("lower", "upper", "first", "count", "axis"):
         setattr(tree, name, getattr(tree, name)[:used].contiguous())
-    tree.corners = wp.empty(3 * triangles, dtype=wp.vec3, device="cpu")
-    wp.launch(_take_kernel, dim=3 * triangles, inputs=[points, indices, tree.face, tree.corners], device="cpu")
+    in_order = corners[tree.face.numpy()].reshape(-1, 3)
+    tree.corners = wp.array(in_order, dtype=wp.vec3, device="cpu", copy=False)
     return tree
 
 

@@ -98,7 +98,8 @@ class MeshSimulator:
         """Noiseless images from a pose, (4, 4); the same, byte for byte, each time."""
         import warp as wp
 
-        from maomaps_warp.kernels.render import render_scene, view_from
+        from maomaps_warp.kernels.pixels import view_from
+        from maomaps_warp.kernels.render import render_scene
 
         camera, options = self.camera, self._options
         (xyzw,) = quaternions_from_matrices(T_world_camera[None, :3, :3]).tolist()
